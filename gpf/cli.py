@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from gpf.commands import options
+from gpf.commands.bake_options import BakeOptions
+from gpf.commands.picture_options import PictureOptions
 from gpf.core.checkout import CHECKOUT
 from gpf.core.cluster import ClusterChoice
 from gpf.core.errors import UserError, explain_file_error, is_interrupt, no_lost_interrupts
@@ -60,42 +65,38 @@ def set_up(
         os.environ[VARIANT] = variant  # processes that this one starts use it, too
 
 
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose last parameter, a dataclass, is replaced by an option for each field."""
+    *own, group = inspect.signature(command, eval_str=True).parameters.values()
+    types = get_type_hints(group.annotation, include_extras=True)
+    defaults = {field.name: field.default for field in fields(group.annotation)}
+    more = [group.replace(name=n, default=d, annotation=types[n]) for n, d in defaults.items()]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        asked = group.annotation(**{name: given.pop(name) for name in defaults})
+        command(**given, **{group.name: asked})
+
+    run.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]
+    return run
+
+
 @app.command()
+@with_options
 def bake(
     scene: options.Scene,
     field: options.FieldOfScene = None,
     output: options.BakeFolder = Path("baked"),
-    size: options.MapSize = None,
-    texels_per_unit: options.TexelsPerUnit = None,
-    vertex_colours: options.VertexColours = False,
-    spp: options.BakeSpp = 16,
-    exposure: options.Exposure = None,
-    glb: options.SceneGlb = None,
-    html: options.ScenePage = None,
-    blend: options.SceneBlend = None,
-    seed: options.Seed = 0,
-    changed_scene: options.ChangedScene = False,
-    overwrite: options.Overwrite = False,
+    *,
+    asked: BakeOptions,
 ) -> None:
     """Bake the light of a field into maps or vertex colours, for engines and pages.
 
     Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json;
     on request, the whole scene as glTF, as a web page, or for Blender.
     """
-    from gpf.commands.bake import BakeOptions, bake_light
-    from gpf.commands.baked_scene import SceneFiles
+    from gpf.commands.bake import bake_light
 
-    asked = BakeOptions(
-        size=size,
-        texels_per_unit=texels_per_unit,
-        vertex_colours=vertex_colours,
-        spp=spp,
-        exposure=exposure,
-        seed=seed,
-        changed_scene=changed_scene,
-        overwrite=overwrite,
-        files=SceneFiles(glb, html, blend),
-    )
     bake_light(scene, field, output, asked)
 
 
@@ -175,6 +176,7 @@ def fit(
 
 
 @app.command()
+@with_options
 def render(
     scene: options.Scene,
     field: options.FieldOfScene = None,
@@ -183,41 +185,14 @@ def render(
     frames: options.Frames = None,
     orbit: options.Orbit = 0,
     output: options.PictureFolder = None,
-    size: options.Size = None,
-    spp: options.Spp = None,
-    seconds: options.PictureSeconds = None,
-    aovs: options.Aovs = "",
-    exposure: options.Exposure = None,
-    denoise: options.Denoise = None,
-    mp4: options.Film = False,
-    seed: options.Seed = 0,
-    changed_scene: options.ChangedScene = False,
-    executor: options.Executor = "local",
-    cluster: options.Cluster = "",
-    lights: options.Levels = "",
-    overwrite: options.Overwrite = False,
+    *,
+    pictures: PictureOptions,
 ) -> None:
     """Render views of a scene from a field. Existing pictures of the same kind are kept."""
     from gpf.commands.cameras import CameraChoice
-    from gpf.commands.picture_options import PictureOptions
     from gpf.commands.render import render_pictures
 
     choice = CameraChoice(tuple(view or ()), views, frames, orbit)
-    pictures = PictureOptions(
-        size=size,
-        spp=spp,
-        seconds=seconds,
-        aovs=aovs,
-        exposure=exposure,
-        denoise=denoise,
-        film=mp4,
-        seed=seed,
-        changed_scene=changed_scene,
-        executor=executor,
-        cluster=cluster,
-        lights=lights,
-        overwrite=overwrite,
-    )
     render_pictures(scene, field, choice, output, pictures)
 
 

@@ -16,6 +16,7 @@ from baselines.luxcore.properties import Properties, colour, matrix, to_text
 from baselines.translation.meshes import face_along_normals, tessellate
 from gpf.core.files import write_text
 from gpf.core.images import write_exr
+from gpf.core.ply import write_ply
 from gpf.modelling.meshes import Mesh
 
 SPOT_ROWS = 256
@@ -77,25 +78,10 @@ def _mesh(folder: Path, shape: Mapping[str, Any], number: int) -> str:
         found = face_along_normals(ball)
     if mirrored:  # LuxCore would turn it inside out
         found = replace(found.transformed(np.array(shape["matrix"])), faces=found.faces[:, ::-1])
-    _write_ply(path, found)
+    # LuxCore's names for texture coordinates are s and t.
+    columns = {"x y z": found.points, "nx ny nz": found.normals, "s t": found.uv}
+    write_ply(path, {k: v for k, v in columns.items() if v is not None}, found.faces)
     return str(path)
-
-
-def _write_ply(path: Path, found: Mesh) -> None:
-    """Write a mesh, with LuxCore's names for its texture coordinates."""
-    columns, names = [found.points], ["x", "y", "z"]
-    for values, more in ((found.normals, ["nx", "ny", "nz"]), (found.uv, ["s", "t"])):
-        if values is not None:
-            columns, names = [*columns, values], [*names, *more]
-    table = np.zeros(len(found.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
-    table["count"], table["index"] = 3, found.faces
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(found.points)}"]
-    header += [f"property float {name}" for name in names]
-    header += [f"element face {len(found.faces)}", "property list uchar int vertex_indices"]
-    with path.open("wb") as file:
-        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        file.write(np.hstack(columns).astype("<f4").tobytes())
-        file.write(table.tobytes())
 
 
 def _lamp(lamp: Mapping[str, Any], materials: Materials, folder: Path) -> Properties:

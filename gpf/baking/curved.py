@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import to_numpy
+from gpf.core.vectors import normalise
 
 # Steps in u and v into which Mitsuba's analytic shapes are divided.
 STEPS = {"Sphere": (48, 24), "Cylinder": (48, 1), "Disk": (1, 48)}
@@ -62,8 +63,7 @@ class Curved:
         else:
             normal = local * ([1, 1, 0] if self.kind == "Cylinder" else [1, 1, 1])
             local = local + normal * (1 / np.linalg.norm(normal, axis=1, keepdims=True) - 1)
-        normal = self.sign * normal @ np.linalg.inv(linear)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = normalise(self.sign * normal @ np.linalg.inv(linear))
         return (local @ linear.T + origin).astype(np.float32), normal.astype(np.float32)
 
 

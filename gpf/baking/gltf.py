@@ -23,6 +23,7 @@ from gpf.baking.reflectance import emitted_by, is_black, rows
 from gpf.baking.surfaces import Surface
 from gpf.core.images import tone_map
 from gpf.core.structs import from_numpy
+from gpf.core.vectors import normalise
 from gpf.scene.pinhole import find_focal, make_pinhole
 from gpf.scene.views import View
 
@@ -228,7 +229,9 @@ def _add_mesh(glb: Glb, chart: Chart, coordinates: dict[str, int], material: int
     points = surface.points[chart.vertices]
     attributes = {"POSITION": glb.vertices(points, bounds=True), **coordinates}
     if surface.normals is not None:
-        attributes["NORMAL"] = glb.vertices(_unit(surface.normals[chart.vertices]))
+        normals = normalise(surface.normals[chart.vertices])
+        normals[~normals.any(axis=1)] = 0, 0, 1
+        attributes["NORMAL"] = glb.vertices(normals)
     primitive = {
         "attributes": attributes,
         "indices": glb.indices(chart.faces),
@@ -248,11 +251,6 @@ def _add_camera(glb: Glb, view: View, aspect: float) -> int:
     return glb.add(
         "nodes", {"name": view.name, "camera": camera, "matrix": matrix.ravel().tolist()}
     )
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.where(length > 0, vectors / np.where(length > 0, length, 1), [0, 0, 1])
 
 
 def _in_srgb(colours: np.ndarray) -> np.ndarray:

@@ -7,14 +7,13 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.images import check_finite
 from gpf.core.random import pass_seed, stream_of
-from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
+from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
 from gpf.rendering.field_renderer import WEAK_COVERAGE
@@ -130,7 +129,7 @@ def bake_light(
     known, covered = np.zeros(len(p), bool), np.zeros(len(p), bool)
     for number, first in enumerate(range(0, len(p), AT_ONCE)):
         part = slice(first, first + AT_ONCE)
-        points = _points(p[part], n[part])
+        points = VisiblePoints.seen_directly(p[part], n[part])
         fixed = FixedPoints(scene, points)
         for source in sources:
             found, reach = _stored(source.field, points)
@@ -146,18 +145,6 @@ def bake_light(
     if (weak := 1 - covered.mean()) > MOST_WEAK:
         log.warning(UNCOVERED, 100 * weak)
     return BakedLight(light, known)
-
-
-def _points(p: np.ndarray, n: np.ndarray) -> VisiblePoints:
-    return VisiblePoints(
-        p=from_numpy(mi.Point3f, p),
-        n=from_numpy(mi.Normal3f, n),
-        reflectance=mi.Color3f(1),
-        throughput=mi.Color3f(1),
-        emission=mi.Color3f(0),
-        depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, len(p)),
-    )
 
 
 def _stored(field: GaussianPhotonField, points: VisiblePoints) -> tuple[np.ndarray, np.ndarray]:

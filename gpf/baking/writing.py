@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,8 @@ import numpy as np
 
 from gpf.baking.bake import LightMaps, LitVertices
 from gpf.baking.surfaces import Surface
-from gpf.core.files import write_atomically
 from gpf.core.images import tone_map, write_exr, write_png
-
-Columns = Mapping[tuple[str, ...], np.ndarray]
-"""Properties of vertices: names, such as ``x y z``, with their values, (V, K) float32 or uint8."""
-
-_TYPES = {"<f4": "float", "|u1": "uchar"}
+from gpf.core.ply import write_ply
 
 
 def write_maps(folder: Path, baked: LightMaps, exposure: float) -> dict[str, Any]:
@@ -37,7 +32,7 @@ def write_maps(folder: Path, baked: LightMaps, exposure: float) -> dict[str, Any
     shapes = {}
     for chart, file in zip(charts, _files([chart.surface for chart in charts]), strict=True):
         geometry = _geometry(chart.surface, chart.vertices)
-        write_mesh(folder / file, chart.faces, {**geometry, ("u", "v"): chart.uv})
+        write_ply(folder / file, {**geometry, "u v": chart.uv}, chart.faces)
         map_file = maps[""]["irradiance"]
         shapes[chart.surface.name] = {"mesh": file, "map": map_file, "size": size}
     return {"light": maps.pop(""), "groups": maps, "shapes": shapes}
@@ -48,39 +43,22 @@ def write_vertices(folder: Path, lit: Sequence[LitVertices], exposure: float) ->
     shows it: E / π, tone mapped. Return what the files are, as JSON values."""
     shapes = {}
     for part, file in zip(lit, _files([part.surface for part in lit]), strict=True):
-        columns = dict(_geometry(part.surface, part.vertices))
+        columns = _geometry(part.surface, part.vertices)
         shown = np.round(255 * tone_map(part.light[""] / np.pi, exposure)).astype(np.uint8)
-        columns["red", "green", "blue"] = shown
+        columns["red green blue"] = shown
         for group, light in part.light.items():
             stem = f"irradiance_{group}" if group else "irradiance"
-            columns[f"{stem}_r", f"{stem}_g", f"{stem}_b"] = light
-        write_mesh(folder / file, part.faces, columns)
+            columns[f"{stem}_r {stem}_g {stem}_b"] = light
+        write_ply(folder / file, columns, part.faces)
         shapes[part.surface.name] = {"mesh": file}
     groups = [group for group in lit[0].light if group]
     return {"groups": groups, "shapes": shapes}
 
 
-def write_mesh(path: Path, faces: np.ndarray, columns: Columns) -> None:
-    """Write a binary PLY file, atomically; ``faces``: indices of vertices, (M, 3)."""
-    named = [(name, values, k) for key, values in columns.items() for k, name in enumerate(key)]
-    kinds = [(name, values.dtype.newbyteorder("<")) for name, values, _ in named]
-    vertices = np.empty(len(named[0][1]), dtype=kinds)
-    for name, values, k in named:
-        vertices[name] = values[:, k]
-    triangles = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
-    triangles["count"], triangles["corners"] = 3, faces
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header += [f"property {_TYPES[kind.str]} {name}" for name, kind in kinds]
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    text = "\n".join([*header, "end_header\n"]).encode("ascii")
-    data = text + vertices.tobytes() + triangles.tobytes()
-    write_atomically(path, lambda p: p.write_bytes(data))
-
-
-def _geometry(surface: Surface, vertices: np.ndarray) -> Columns:
-    columns: dict[tuple[str, ...], np.ndarray] = {("x", "y", "z"): surface.points[vertices]}
+def _geometry(surface: Surface, vertices: np.ndarray) -> dict[str, np.ndarray]:
+    columns = {"x y z": surface.points[vertices]}
     if surface.normals is not None:
-        columns["nx", "ny", "nz"] = surface.normals[vertices]
+        columns["nx ny nz"] = surface.normals[vertices]
     return columns
 
 

@@ -11,7 +11,7 @@ import pickle
 import subprocess
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -93,23 +93,23 @@ def flatten(meshes: Sequence[Mesh], size: int | None) -> Packed:
     ------
     UserError: xatlas is missing or failed.
     """
-    if not _is_installed():
+    if find_spec("xatlas") is None:
         raise UserError(
             "xatlas",
             "is not installed, so surfaces cannot be unwrapped",
             f"Run `pip install xatlas`, or {REMEDY}",
         )
     parts = [meshes[k : k + AT_ONCE] for k in range(0, len(meshes), AT_ONCE)]
-    cut = [_ask("cut", list(part)) for part in parts]
+    cut = [_ask(_cut_all, part) for part in parts]
     flat = [mesh for found, _ in cut for mesh in found]
-    packed, extent, scale = _ask("pack", flat, size)
+    packed, extent, scale = _ask(_pack_all, flat, size)
     return Packed(packed, extent, scale, sum(charts for _, charts in cut))
 
 
-def _ask(what: str, *about: Any) -> Any:
+def _ask(function: Callable[..., Any], *about: Any) -> Any:
     done = subprocess.run(
         [sys.executable, "-c", "from gpf.baking.xatlas_process import main; main()"],
-        input=pickle.dumps((what, about)),
+        input=pickle.dumps((function, about)),
         capture_output=True,
         check=False,
     )
@@ -121,14 +121,7 @@ def _ask(what: str, *about: Any) -> Any:
     return pickle.loads(done.stdout)
 
 
-def _is_installed() -> bool:
-    try:
-        return find_spec("xatlas") is not None
-    except ValueError:  # a module without a specification
-        return False
-
-
-def _cut_all(meshes: list[Mesh]) -> tuple[list[Flat], int]:
+def _cut_all(meshes: Sequence[Mesh]) -> tuple[list[Flat], int]:
     """Meshes cut into charts, at their own scale, and how many charts."""
     # Each in an atlas of its own: with many meshes in one, `add_mesh` crashes now and then, because
     # its tasks are moved in memory while a thread reads one.
@@ -189,16 +182,13 @@ def _new_atlas() -> Any:
 def main() -> None:
     """What the process does: a request from its input, the answer to its output."""
     # xatlas prints, too.
-    answers = os.fdopen(os.dup(1), "wb")
+    answers = os.dup(1)
     os.dup2(2, 1)
-    status = 1
     try:
-        what, about = pickle.load(sys.stdin.buffer)
-        found = _cut_all(*about) if what == "cut" else _pack_all(*about)
-        answers.write(pickle.dumps(found))
-        answers.flush()
-        status = 0
+        function, about = pickle.load(sys.stdin.buffer)
+        with os.fdopen(answers, "wb") as stream:
+            stream.write(pickle.dumps(function(*about)))
+        os._exit(0)
     except Exception:
         traceback.print_exc()
-        sys.stderr.flush()
-    os._exit(status)
+        os._exit(1)

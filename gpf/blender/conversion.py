@@ -22,6 +22,7 @@ from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
 from gpf.core.runtime import two_threads
+from gpf.core.vectors import normalise
 from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.upright import upright
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
@@ -273,12 +274,11 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
 def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
     matrix = np.array(camera["matrix"])
     origin, backward, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
-    target = origin - backward / np.linalg.norm(backward)
-    up = up / np.linalg.norm(up)
+    target = origin - normalise(backward)
     return {
         "origin": tuple(origin.tolist()),
         "target": tuple(target.tolist()),
-        "up": tuple(up.tolist()),
+        "up": tuple(normalise(up).tolist()),
         "fov": camera["fov"],
     }
 

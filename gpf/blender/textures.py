@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from gpf.core.images import tone_map, undo_tone_map
+from gpf.core.vectors import normalise
 
 Dict = dict[str, Any]
 
@@ -179,6 +180,4 @@ def _bent(pixels: np.ndarray, strength: float) -> np.ndarray:
     normal = 2 * pixels - 1
     normal[..., :2] *= strength
     normal[..., 2] = np.maximum(normal[..., 2], 1e-3)
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    bent: np.ndarray = 0.5 * normal + 0.5
-    return bent
+    return 0.5 * normalise(normal) + 0.5

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +11,10 @@ import numpy as np
 
 from gpf.baking.atlas import unwrap
 from gpf.baking.bake import LightMaps, bake_maps, bake_vertices, surfaces_to_bake
-from gpf.baking.light import SAMPLES
 from gpf.baking.surfaces import Surface
 from gpf.baking.writing import write_maps, write_vertices
-from gpf.blender.process import find_blender
-from gpf.commands.baked_scene import SceneFiles, write_scene
+from gpf.commands.bake_options import BakeOptions
+from gpf.commands.baked_scene import write_scene
 from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import (
@@ -27,7 +24,6 @@ from gpf.commands.scenes import (
     require_same_scene,
     title_of,
 )
-from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.images import propose_exposure
 from gpf.core.locks import sole_run
@@ -43,60 +39,6 @@ SIZE = 1024
 """Width and height of the maps, if nothing is asked for."""
 
 INDEX = "index.json"
-
-
-@dataclass(frozen=True)
-class BakeOptions:
-    """What is baked.
-
-    Attributes
-    ----------
-    size: width and height of the maps, texels; None for :data:`SIZE`.
-    texels_per_unit: their density instead.
-    vertex_colours: whether to bake light at vertices instead of maps.
-    spp: samples of the lamps that the field leaves out, per texel or vertex.
-    exposure: exposure of the PNG files and of vertex colours; None for that of the scene's views or
-        of the field, or else a measured one.
-    seed: random seed.
-    changed_scene: whether to accept a field of another scene.
-    overwrite: whether to replace what was baked before.
-    files: further files to write.
-    """
-
-    size: int | None = None
-    texels_per_unit: float | None = None
-    vertex_colours: bool = False
-    spp: int = SAMPLES
-    exposure: float | None = None
-    seed: int = 0
-    changed_scene: bool = False
-    overwrite: bool = False
-    files: SceneFiles = field(default_factory=SceneFiles)
-
-    def check(self) -> None:
-        """Raise a :class:`UserError` for what is wrong whatever the scene and the field are; also
-        without Blender, if it is needed."""
-        given = {
-            "--size": self.size is not None,
-            "--texels-per-unit": self.texels_per_unit is not None,
-            "--vertex-colours": self.vertex_colours,
-        }
-        if sum(given.values()) > 1:
-            names = " and ".join(name for name, is_given in given.items() if is_given)
-            raise UserError(names, "are mutually exclusive", "Give one of them.")
-        if self.files.blend is not None:
-            find_blender()
-        for option in self.files.items():
-            if self.vertex_colours:
-                raise UserError(
-                    f"{option} and --vertex-colours", "are mutually exclusive", "Bake maps for it."
-                )
-        for option, value in (
-            ("--texels-per-unit", self.texels_per_unit),
-            ("--exposure", self.exposure),
-        ):
-            if value is not None and not 0 < value < math.inf:
-                raise UserError(f"{option} {value}", "is out of range", "Give a number above 0.")
 
 
 def bake_light(scene_name: str, field_name: str | None, folder: Path, options: BakeOptions) -> None:
@@ -115,7 +57,7 @@ def bake_light(scene_name: str, field_name: str | None, folder: Path, options: B
     """
     options.check()
     require_new(folder / INDEX, options.overwrite, "give another folder")
-    for file in options.files.items().values():
+    for file in options.files().values():
         require_new(file, options.overwrite, "give another name")
     scene_file, trained = find_scene(scene_name)
     field_file = find_field(field_name, trained)
@@ -133,25 +75,29 @@ def bake_light(scene_name: str, field_name: str | None, folder: Path, options: B
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
-        if options.vertex_colours:
-            index = _bake_vertices(folder, scene, field, surfaces, options, exposure)
-        else:
-            index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
+        index, baked = _bake(folder, scene, field, surfaces, options, exposure)
+        if baked is not None:
             title = title_of(scene_name)
-            write_scene(options.files, scene, field, baked, index["exposure"], views, title)
+            write_scene(options, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 
 
-def _bake_maps(
+def _bake(
     folder: Path,
     scene: mi.Scene,
     field: GaussianPhotonField,
     surfaces: list[Surface],
     options: BakeOptions,
     exposure: float | None,
-) -> tuple[dict[str, Any], LightMaps]:
-    """Bake and write light maps; what the index says about them, and the maps."""
+) -> tuple[dict[str, Any], LightMaps | None]:
+    """Bake and write light maps, or light at vertices; what the index says about them, and the
+    maps."""
+    if options.vertex_colours:
+        with progress_bar("light at vertices", 1) as bar:
+            lit = bake_vertices(scene, field, surfaces, options.spp, options.seed, bar)
+        exposure = exposure or _measured_exposure(np.concatenate([part.light[""] for part in lit]))
+        return {**write_vertices(folder, lit, exposure), "exposure": exposure}, None
     say(f"unwrapping {sum(len(surface.faces) for surface in surfaces)} triangles")
     size = options.size or (None if options.texels_per_unit else SIZE)
     atlas = unwrap(surfaces, size, options.texels_per_unit)
@@ -164,21 +110,6 @@ def _bake_maps(
     exposure = exposure or _measured_exposure(baked.maps[""])
     index = write_maps(folder, baked, exposure)
     return {**index, "exposure": exposure, "texels_per_unit": atlas.texels_per_unit}, baked
-
-
-def _bake_vertices(
-    folder: Path,
-    scene: mi.Scene,
-    field: GaussianPhotonField,
-    surfaces: list[Surface],
-    options: BakeOptions,
-    exposure: float | None,
-) -> dict[str, Any]:
-    """Bake and write light at vertices; what the index says about it."""
-    with progress_bar("light at vertices", 1) as bar:
-        lit = bake_vertices(scene, field, surfaces, options.spp, options.seed, bar)
-    exposure = exposure or _measured_exposure(np.concatenate([part.light[""] for part in lit]))
-    return {**write_vertices(folder, lit, exposure), "exposure": exposure}
 
 
 def _measured_exposure(irradiance: np.ndarray) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from gpf.baking.page import write_page
 from gpf.baking.reflectance import bake_radiosity
 from gpf.baking.surfaces import read_specular_surfaces
 from gpf.blender.process import run_in_blender
+from gpf.commands.bake_options import BakeOptions
 from gpf.core.files import write_atomically, write_json, write_text
 from gpf.core.images import tone_map, write_exr
 from gpf.core.progress import console, say
@@ -33,22 +33,8 @@ SKY = (1024, 512)
 """Width and height of the picture of the environment that Blender gets."""
 
 
-@dataclass(frozen=True)
-class SceneFiles:
-    """A binary glTF file, a web page, and a .blend file; None for those that nobody asked for."""
-
-    glb: Path | None = None
-    html: Path | None = None
-    blend: Path | None = None
-
-    def items(self) -> dict[str, Path]:
-        """The files that are asked for, by their options."""
-        named = {"--glb": self.glb, "--html": self.html, "--blend": self.blend}
-        return {option: file for option, file in named.items() if file is not None}
-
-
 def write_scene(
-    files: SceneFiles,
+    options: BakeOptions,
     scene: mi.Scene,
     field: GaussianPhotonField,
     baked: LightMaps,
@@ -58,25 +44,25 @@ def write_scene(
 ) -> None:
     """Write the scene as glTF, as a page with this title, and for Blender; ``views``: its
     ``views.yaml``, if it has one."""
-    if not files.items():
+    if not options.files():
         return
     groups = field.lights.groups if field.lights else None
     members = dict(zip(groups.names, groups.members, strict=True)) if groups else {}
     specular = read_specular_surfaces(scene)
     stage = Stage(scene, baked.atlas, specular, *_cameras(scene, views))
-    if files.glb is not None:
+    if options.glb is not None:
         radiance = bake_radiosity(scene, baked, members)[""] / np.pi
         picture = np.round(255 * tone_map(radiance, exposure)).astype(np.uint8)
         data = write_glb(stage, picture, exposure)
-        write_atomically(files.glb, lambda p: p.write_bytes(data))
-        say(f"{files.glb}: {len(data) / 1e6:.1f} MB")
-    if files.html is not None:
+        write_atomically(options.glb, lambda p: p.write_bytes(data))
+        say(f"{options.glb}: {len(data) / 1e6:.1f} MB")
+    if options.html is not None:
         text = write_page(stage, baked, exposure, title.replace("_", " "), members)
-        write_text(files.html, text)
-        say(f"{files.html}: {len(text) / 1e6:.1f} MB")
-    if files.blend is not None:
-        write_blend(files.blend, stage, baked, exposure, members)
-        say(f"{files.blend}: {files.blend.stat().st_size / 1e6:.1f} MB")
+        write_text(options.html, text)
+        say(f"{options.html}: {len(text) / 1e6:.1f} MB")
+    if options.blend is not None:
+        write_blend(options.blend, stage, baked, exposure, members)
+        say(f"{options.blend}: {options.blend.stat().st_size / 1e6:.1f} MB")
 
 
 def write_blend(

@@ -29,6 +29,7 @@ import numpy as np
 from PIL import Image
 
 from gpf.core.files import write_atomically
+from gpf.core.ply import write_ply
 from gpf.core.structs import to_numpy
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import make_sensor
@@ -98,7 +99,8 @@ def write_data_set(
             files[view.name]["time"] = times[view.name]
     shared = {}
     if "depth" in layers:
-        write_points(folder / "points.ply", *_collect_points(folder, views, size))
+        points, colours = _collect_points(folder, views, size)
+        write_ply(folder / "points.ply", {"x y z": points, "red green blue": colours})
         shared["ply_file_path"] = "points.ply"
     write_transforms(folder / "transforms.json", views, size, files, shared)
 
@@ -159,20 +161,3 @@ def _collect_points(
         points.append(camera.origin + depth[rows, columns, None] * (ahead @ camera.rotation.T))
         colours.append(shown[rows, columns])
     return np.concatenate(points), np.concatenate(colours)
-
-
-def write_points(path: Path, points: np.ndarray, colours: np.ndarray) -> None:
-    """Write a PLY file with points, (N, 3), and colours, (N, 3) uint8."""
-    kinds = [(name, "<f4") for name in "xyz"] + [(n, "u1") for n in ("red", "green", "blue")]
-    rows = np.empty(len(points), dtype=kinds)
-    for k, name in enumerate("xyz"):
-        rows[name] = points[:, k]
-    for k, name in enumerate(("red", "green", "blue")):
-        rows[name] = colours[:, k]
-    types = {"<f4": "float", "u1": "uchar"}
-    properties = "".join(f"property {types[kind]} {name}\n" for name, kind in kinds)
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
-        f"{properties}end_header\n"
-    )
-    write_atomically(path, lambda p: p.write_bytes(header.encode() + rows.tobytes()))

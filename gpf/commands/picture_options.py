@@ -1,18 +1,21 @@
-"""How the pictures of `gpf render` are made."""
+"""How the pictures of `gpf render` are made.
+
+The command line imports this module whatever the command: slow imports are in the functions.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from gpf.commands import options
 from gpf.core.cluster import ClusterChoice
 from gpf.core.errors import UserError
-from gpf.core.films import find_encoder
 from gpf.core.machine import require_memory
-from gpf.rendering.aovs import parse_aovs
-from gpf.rendering.denoiser import PACKAGE
-from gpf.rendering.denoiser import available as has_denoiser
-from gpf.rendering.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from gpf.rendering.settings import RenderSettings
 
 ROWS = 256
 """Rows of a picture, if no size is given."""
@@ -20,39 +23,21 @@ ROWS = 256
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """How the pictures are made.
+    """How the pictures are made: the options of the command; their help is the explanation."""
 
-    Attributes
-    ----------
-    size: ``WIDTHxHEIGHT`` or the number of rows alone; None for :data:`ROWS` rows.
-    spp: samples per pixel; None for the default of :class:`RenderSettings`.
-    seconds: time for a picture's samples, instead of their number.
-    aovs: further layers of the EXR files, separated by commas.
-    exposure: exposure of the PNG files; None for that of the views' file or of the field, or else a
-        measured one.
-    denoise: whether to denoise; None to do so if the package for it is installed.
-    film: whether to write an MP4.
-    seed: random seed.
-    changed_scene: whether to accept a field of another scene.
-    executor: ``local``, or ``ray`` to spread the pictures over a cluster.
-    cluster: address of the cluster; empty to start one on this machine.
-    lights: levels of groups of emitters (:func:`gpf.scene.light_groups.parse_levels`).
-    overwrite: whether to replace pictures that were made in another way.
-    """
-
-    size: str | None = None
-    spp: int | None = None
-    seconds: float | None = None
-    aovs: str = ""
-    exposure: float | None = None
-    denoise: bool | None = None
-    film: bool = False
-    seed: int = 0
-    changed_scene: bool = False
-    executor: str = "local"
-    cluster: str = ""
-    lights: str = ""
-    overwrite: bool = False
+    size: options.Size = None
+    spp: options.Spp = None
+    seconds: options.PictureSeconds = None
+    aovs: options.Aovs = ""
+    exposure: options.Exposure = None
+    denoise: options.Denoise = None
+    film: options.Film = False
+    seed: options.Seed = 0
+    changed_scene: options.ChangedScene = False
+    executor: options.Executor = "local"
+    cluster: options.Cluster = ""
+    lights: options.Levels = ""
+    overwrite: options.Overwrite = False
 
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
@@ -64,10 +49,14 @@ class PictureOptions:
                 )
         ClusterChoice.of_options(self.executor, self.cluster)
         if self.film:
+            from gpf.core.films import find_encoder
+
             find_encoder()  # before the frames are rendered
 
     def layers(self) -> tuple[str, ...]:
         """The names of the further layers."""
+        from gpf.rendering.aovs import parse_aovs
+
         try:
             return parse_aovs(self.aovs)
         except ValueError as error:
@@ -92,8 +81,11 @@ class PictureOptions:
 
     def render_settings(self) -> RenderSettings:
         """The number of samples, and whether to denoise."""
-        denoise = has_denoiser() if self.denoise is None else self.denoise
-        if denoise and not has_denoiser():
+        from gpf.rendering.denoiser import PACKAGE, available
+        from gpf.rendering.settings import RenderSettings
+
+        denoise = available() if self.denoise is None else self.denoise
+        if denoise and not available():
             raise UserError(
                 "--denoise", "needs the package pyoidn", f"Run `pip install {PACKAGE}`."
             )

@@ -82,6 +82,13 @@ class VisiblePoints:
     depth: mi.UInt32
     valid: mi.Bool
 
+    @classmethod
+    def seen_directly(cls, p: np.ndarray, n: np.ndarray) -> VisiblePoints:
+        """White points with positions and normals, (N, 3), without light on the way."""
+        where = from_numpy(mi.Point3f, p), from_numpy(mi.Normal3f, n)
+        white = mi.Color3f(1), mi.Color3f(1)
+        return cls(*where, *white, mi.Color3f(0), mi.UInt32(0), dr.full(mi.Bool, True, len(p)))
+
     def opaque(self) -> mi.Bool:
         """Whether surfaces ended or turned the ray, (N,), as for an alpha channel."""
         return dr.any(self.n != 0)

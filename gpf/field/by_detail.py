@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import concatenate, from_numpy, take, to_numpy
+from gpf.core.vectors import normalise
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -188,7 +189,7 @@ def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     real = 1 + (start * end).sum(axis=1, keepdims=True)
     turn = np.concatenate([np.cross(start, end), real], axis=1)
     turn[real[:, 0] < _OPPOSITE] = 0, 0, 0, 1
-    return turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    return normalise(turn)
 
 
 def _fill_gaps(

@@ -25,6 +25,8 @@ from typing import Any
 
 import numpy as np
 
+from gpf.core.vectors import normalise
+
 # Range of standard deviations in a compact file, in search radii of their level. A query uses
 # distances up to about one radius; on that scale, smaller Gaussians are points and larger ones
 # constant.
@@ -81,9 +83,7 @@ def _to_bytes(vectors: np.ndarray) -> tuple[np.ndarray, None]:
 
 def _from_bytes(codes: np.ndarray, _: None) -> np.ndarray:
     """Directions of unit length."""
-    vectors = codes.astype(float)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
+    return normalise(codes.astype(float)).astype(np.float32)
 
 
 def _to_halves(values: np.ndarray) -> tuple[np.ndarray, float]:

@@ -22,8 +22,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpf.core.files import write_atomically
 from gpf.core.images import tone_map
+from gpf.core.ply import write_ply
+from gpf.core.vectors import normalise
 from gpf.field.io import StoredField
 
 # The properties of a vertex, in the order in which viewers expect them; all are float32.
@@ -62,23 +63,11 @@ def write_splats(path: Path, stored: StoredField, exposure: float) -> int:
     log_scales = log_scales + np.log([NARROWING, NARROWING, NARROWING * THICKNESS])
     opacity = np.full((len(colour), 1), np.log(OPACITY / (1 - OPACITY)))
     columns = (t["means"], t["normals"], (colour - 0.5) / HARMONIC, opacity, log_scales, rotations)
-    table = np.concatenate(columns, axis=1).astype("<f4")
+    table = np.concatenate(columns, axis=1)
     if detail is not None:
         # Gaussians beside the cells of their level only serve queries within those cells.
         table = table[t["levels"] == detail.levels_at(t["means"])]
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(table)}",
-        *(f"property float {name}" for name in PROPERTIES),
-        "end_header\n",
-    ]
-    data = "\n".join(header).encode("ascii") + table.tobytes()
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+    write_ply(path, {" ".join(PROPERTIES): table})
     return len(table)
 
 
@@ -115,11 +104,9 @@ def flatten(
     log_scales: logarithms of the smaller, the larger and again the smaller extent, (N, 3).
     rotations: unit quaternions (w, x, y, z) of frames whose third axis is n, (N, 4).
     """
-    n = normals.astype(float)
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    n = normalise(normals.astype(float))
     # Two tangents: from the axis least parallel to n, and perpendicular to both.
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = normalise(np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)]))
     tangents = np.stack([first, np.cross(n, first)], axis=2)
     local = Rotation.from_quat(quats).as_matrix().transpose(0, 2, 1)
     whitened = np.exp(-log_scales.astype(float))[:, :, None] * (local @ tangents)

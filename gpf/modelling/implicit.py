@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from gpf.core.vectors import normalise
 from gpf.modelling.meshes import Mesh
 
 Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -96,8 +97,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
         slope = gradient(field, points, step)
         move = (field(*points.T) / np.maximum((slope**2).sum(axis=1), 1e-6))[:, None] * slope
         points -= np.clip(move, -cell / 4, cell / 4)
-    normals = gradient(field, points, step)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normalise(gradient(field, points, step))
     # Cut quads along the shorter diagonal, which preserves ridges.
     ac = np.linalg.norm(points[q[:, 0]] - points[q[:, 2]], axis=1)
     bd = np.linalg.norm(points[q[:, 1]] - points[q[:, 3]], axis=1)

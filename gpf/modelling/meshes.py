@@ -11,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gpf.core import ply
+from gpf.core.vectors import normalise
+
 Vector = Sequence[float] | np.ndarray
 
 
@@ -37,7 +40,7 @@ class Mesh:
         points = self.points @ linear.T + np.asarray(matrix, dtype=float)[:3, 3]
         normals = self.normals
         if normals is not None:
-            normals = _unit(normals @ np.linalg.inv(linear))
+            normals = normalise(normals @ np.linalg.inv(linear))
         return replace(self, points=points, normals=normals)
 
     def smooth(self) -> Mesh:
@@ -50,12 +53,7 @@ class Mesh:
         total = np.zeros_like(self.points)
         for i in range(3):
             np.add.at(total, self.faces[:, i], twice_area)
-        return replace(self, normals=_unit(total))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1)
+        return replace(self, normals=normalise(total))
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
@@ -147,20 +145,8 @@ def _compact(mesh: Mesh) -> Mesh:
 
 def write_ply(path: Path, mesh: Mesh) -> Path:
     """Write a binary PLY for Mitsuba, rounded to six decimals; return ``path``."""
-    names, columns = ["x", "y", "z"], [mesh.points]
-    if mesh.normals is not None:
-        names, columns = [*names, "nx", "ny", "nz"], [*columns, mesh.normals]
-    if mesh.uv is not None:
-        names, columns = [*names, "u", "v"], [*columns, mesh.uv]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.points)}"]
-    header += [f"property float {name}" for name in names]
-    header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
-    table = np.zeros(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
-    table["count"], table["index"] = 3, mesh.faces
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        # A sine's last bit may differ between machines, but not six decimals. + 0.0: no -0.0.
-        file.write((np.round(np.hstack(columns), 6) + 0.0).astype("<f4").tobytes())
-        file.write(table.tobytes())
+    columns = {"x y z": mesh.points, "nx ny nz": mesh.normals, "u v": mesh.uv}
+    # A sine's last bit may differ between machines, but not six decimals. + 0.0: no -0.0.
+    rounded = {k: np.round(v, 6) + 0.0 for k, v in columns.items() if v is not None}
+    ply.write_ply(path, rounded, mesh.faces)
     return path

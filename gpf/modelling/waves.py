@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gpf.core.vectors import normalise
 from gpf.modelling.meshes import Mesh, grid
 
 GOLDEN = (5**0.5 - 1) / 2
@@ -55,9 +56,7 @@ def sum_waves(
 
 def upward_normals(slope_x: np.ndarray, slope_z: np.ndarray) -> np.ndarray:
     """Unit normals (-dh/dx, 1, -dh/dz), normalised, (Z, X, 3)."""
-    normals = np.stack([-slope_x, np.ones_like(slope_x), -slope_z], axis=-1)
-    unit: np.ndarray = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    return unit
+    return normalise(np.stack([-slope_x, np.ones_like(slope_x), -slope_z], axis=-1))
 
 
 def water_surface(waves: np.ndarray, x: np.ndarray, z: np.ndarray, level: float = 0.0) -> Mesh:

@@ -17,7 +17,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.placement.orbit import Orbit, unit_vector
+from gpf.core.vectors import normalise
+from gpf.placement.orbit import Orbit
 from gpf.placement.view_checks import (
     COVERED_WITHIN,
     ViewReport,
@@ -193,5 +194,5 @@ def _choose_novel(
 
 
 def _pose(view: View, unit: float) -> np.ndarray:
-    forward = unit_vector(np.subtract(view.target, view.origin))
+    forward = normalise(np.subtract(view.target, view.origin))
     return np.concatenate([np.array(view.origin) / unit, forward])

@@ -10,6 +10,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.structs import from_numpy
+from gpf.core.vectors import normalise
 from gpf.placement.view_checks import report_views
 from gpf.scene.views import View
 
@@ -41,7 +42,7 @@ class Orbit:
         """
         seen = report_views(scene, [view], aspect)[0].seen()
         origin = np.array(view.origin)
-        forward = unit_vector(np.subtract(view.target, view.origin))
+        forward = normalise(np.subtract(view.target, view.origin))
         if len(seen) == 0:
             raise UserError(
                 f"view {view.name!r}",
@@ -52,7 +53,7 @@ class Orbit:
         axis = int(np.argmax(np.abs(view.up)))
         up = np.eye(3)[axis] * np.sign(view.up[axis])
         if np.linalg.norm(np.cross(up, forward)) < 0.2:  # the camera looks along that axis
-            up = unit_vector(view.up - forward * (forward @ view.up))
+            up = normalise(view.up - forward * (forward @ view.up))
         return cls(view, origin + distance * forward, distance, up)
 
     def views(
@@ -74,8 +75,8 @@ class Orbit:
             unit, (V, 2); 0 by default.
         """
         start = np.array(self.start.origin)
-        back = unit_vector(start - self.pivot)
-        right = unit_vector(np.cross(self.up, back))
+        back = normalise(start - self.pivot)
+        right = normalise(np.cross(self.up, back))
         ways = []
         for azimuth, elevation, distance in poses:
             raised = _rotate(back, right, -np.radians(elevation))
@@ -114,11 +115,6 @@ class Orbit:
             fov_axis=self.start.fov_axis,
             shift=self.start.shift,
         )
-
-
-def unit_vector(vector: np.ndarray) -> np.ndarray:
-    """A vector scaled to length 1."""
-    return vector / np.linalg.norm(vector)
 
 
 def _rotate(vector: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpf.core.vectors import normalise
 from gpf.scene.views import View
 
 
@@ -51,8 +52,8 @@ class Pinhole:
 def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
     """The camera of a view; its pixels are those of :func:`gpf.scene.sensors.make_sensor`."""
     origin = np.array(view.origin, dtype=float)
-    ahead = _unit(np.array(view.target) - origin)
-    right = _unit(np.cross(ahead, view.up))
+    ahead = normalise(np.array(view.target) - origin)
+    right = normalise(np.cross(ahead, view.up))
     rotation = np.stack([right, np.cross(ahead, right), ahead], axis=1)
     x, y = (n * (0.5 - shift) for n, shift in zip(size, view.shift, strict=True))
     return Pinhole(origin, rotation, find_focal(view, size), size, (x, y))
@@ -69,7 +70,3 @@ def find_focal(view: View, size: tuple[float, float]) -> float:
         "larger": max(size),
     }
     return extents[view.fov_axis] / 2 / math.tan(math.radians(view.fov) / 2)
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from gpf.core.errors import UserError
+from gpf.core.vectors import normalise
 from gpf.core.yaml import explain
 from gpf.scene.upright import upright
 from gpf.scene.views import View, name_view
@@ -88,13 +89,13 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
         taken = {view.name for view in views}
         matrix = _matrix(sensor)
         origin = np.array([_shortest(x) for x in matrix[:3, 3]])
-        ahead = origin + _unit(matrix[:3, 2])
+        ahead = origin + normalise(matrix[:3, 2])
         try:
             view = View(
                 name=name_view(sensor.id(), taken, otherwise="camera"),
                 origin=_vector(origin),
                 target=_vector(ahead.round(6) + 0.0),
-                up=_vector(_unit(matrix[:3, 1]).round(6) + 0.0),
+                up=_vector(normalise(matrix[:3, 1]).round(6) + 0.0),
                 fov=_shortest(_scalar(mi.traverse(sensor)["x_fov"])),
                 fov_axis="x",
                 shift=tuple(_shortest(_principal_point(sensor, axis)) for axis in "xy"),
@@ -169,11 +170,6 @@ def _principal_point(sensor: mi.Sensor, axis: str) -> float:
 
 def _matrix(sensor: mi.Sensor) -> np.ndarray:
     return np.array(sensor.world_transform().matrix, dtype=np.float64).reshape(4, 4)
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid="ignore"):  # NaN, which no view accepts
-        return vector / np.linalg.norm(vector)
 
 
 def _scalar(value: Any) -> float:

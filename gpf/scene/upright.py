@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from gpf.core.vectors import normalise
 from gpf.scene.views import Keyframe
 
 AnyCamera = TypeVar("AnyCamera", bound=Keyframe)
@@ -25,8 +26,8 @@ def upright(cameras: Sequence[AnyCamera]) -> list[AnyCamera]:
     their own ``up``. One that looks along an axis rolls about neither; then the vertical is the one
     with which it is less steep, and looks down rather than up.
     """
-    ahead = _unit(np.array([np.subtract(c.target, c.origin) for c in cameras]).reshape(-1, 3))
-    right = _unit(np.cross(ahead, np.array([c.up for c in cameras]).reshape(-1, 3)))
+    ahead = normalise(np.array([np.subtract(c.target, c.origin) for c in cameras]).reshape(-1, 3))
+    right = normalise(np.cross(ahead, np.array([c.up for c in cameras]).reshape(-1, 3)))
     axes = np.eye(3)[1:]
     upwards = np.cross(right, ahead) @ axes.T  # the cosine of the pitch
     level = np.abs(right @ axes.T) < _LEVEL * upwards
@@ -37,7 +38,3 @@ def upright(cameras: Sequence[AnyCamera]) -> list[AnyCamera]:
         camera.model_copy(update={"up": up}) if stands else camera
         for camera, stands in zip(cameras, level[:, vertical], strict=True)
     ]
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

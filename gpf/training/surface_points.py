@@ -14,7 +14,7 @@ from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, concatenate, take, to_numpy
 from gpf.guiding.density_control import count_in_cells, oriented_places
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
@@ -176,13 +176,4 @@ def sample_surface_points(
         third = rng.permutation(third)[: round(min(1, work[0] / work[1]) * len(third))]
     points = np.sort(np.concatenate([here, third]))
     points = points[order_in_space(p[points], radius / 2)]
-    count = len(points)
-    return VisiblePoints(
-        p=from_numpy(mi.Point3f, p[points]),
-        n=from_numpy(mi.Normal3f, n[points]),
-        reflectance=mi.Color3f(1),
-        throughput=mi.Color3f(1),
-        emission=mi.Color3f(0),
-        depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, count),
-    )
+    return VisiblePoints.seen_directly(p[points], n[points])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gpf.core.images import read_exr, tone_map
-from gpf.placement.orbit import unit_vector
+from gpf.core.vectors import normalise
 from gpf.scene.views import Keyframe, View
 
 
@@ -39,7 +39,7 @@ class References:
 def same_place(one: Keyframe, other: Keyframe) -> bool:
     """Whether two cameras make the same picture."""
     ahead = [np.subtract(camera.target, camera.origin) for camera in (one, other)]
-    first, second = (unit_vector(way) for way in ahead)
+    first, second = (normalise(way) for way in ahead)
     return (
         np.allclose(one.origin, other.origin, atol=1e-5)
         and np.allclose(first, second, atol=1e-5)
