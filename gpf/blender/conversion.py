@@ -7,6 +7,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,9 @@ def origin_of(scene_file: Path) -> Path:
     """The file that a scene in the user's cache was made from; any other scene file itself."""
     if scene_file.parent.parent != scenes_folder():
         return scene_file
-    return Path(read_json(scene_file.parent / RECORD)["file"])
+    with suppress(UserError, KeyError):  # of an earlier version, or damaged
+        return Path(read_json(scene_file.parent / RECORD, dict[str, Any])["file"])
+    return scene_file
 
 
 def convert(

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import shutil
 import time
-from pathlib import Path
-from typing import Any
 
 from rich.table import Table
 
-from gpf.blender.conversion import RECORD, scenes_folder
+from gpf.blender.conversion import origin_of, scenes_folder
 from gpf.blender.process import installed_python
-from gpf.core.errors import UserError
-from gpf.core.files import read_json
 from gpf.core.partial import remove_leftovers
 from gpf.core.progress import console, say
 
@@ -31,15 +27,8 @@ def show_cache(clear: str | None) -> None:
             continue
         size = sum(file.lstat().st_size for file in folder.rglob("*")) / 1e6
         made = time.strftime("%Y-%m-%d", time.localtime(folder.stat().st_mtime))
-        table.add_row("Blender" if folder == blender else _source(folder), made, f"{size:.0f}")
+        source = "Blender" if folder == blender else str(origin_of(folder / "scene.xml"))
+        table.add_row(source, made, f"{size:.0f}")
         total += size
     console.print(table, markup=False)
     say(f"{scenes.parent}: {total:.0f} MB; `--clear scenes` or `--clear all` removes them")
-
-
-def _source(folder: Path) -> str:
-    """The file that a scene was converted from."""
-    try:
-        return str(read_json(folder / RECORD, dict[str, Any])["file"])
-    except (UserError, KeyError):  # of an earlier version, or damaged
-        return folder.name

@@ -157,7 +157,9 @@ def nearest_obstacles(
     p, n: positions and unit normals, world units, (N, 3).
     reach: how far to look for obstacles, world units, (N,).
     """
-    count = dr.opaque(mi.UInt32, max(dr.width(p), 1))
+    if dr.width(p) == 0:
+        return np.zeros((0, 4), np.float32)
+    count = dr.opaque(mi.UInt32, dr.width(p))
     lane = dr.arange(mi.UInt32, RAYS * dr.width(p))
     owner = lane % count
     place = dr.gather(mi.Point3f, p, owner), dr.gather(mi.Normal3f, n, owner)

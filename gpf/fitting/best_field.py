@@ -10,7 +10,7 @@ from gpf.fitting.quality import QualityEstimate
 
 # A new field replaces the one before it unless its estimated PSNR is lower by more than this, dB.
 # The estimate is uncertain, and a field from more photons is better unless its training failed.
-TOLERATED = 3.0
+TOLERATED, OF_DRAFTS = 3.0, 10.0
 
 # A PSNR is out of reach if tripling the passes gains less than LEAST_GAIN, dB, MOST_STALLS times in
 # a row.
@@ -55,11 +55,14 @@ class BestField:
         self.history[-1] = self.passes, self.psnr
         return self.psnr
 
-    def gives_way_to(self, psnr: float, quality: QualityEstimate) -> bool:
-        """Whether a field with this estimated PSNR, from more photons, should replace it."""
+    def gives_way_to(self, psnr: float, quality: QualityEstimate, is_draft: bool) -> bool:
+        """Whether a field with this estimated PSNR, from more photons, should replace it.
+
+        ``is_draft``: whether it is one. SPPM, which judges, leaks through thin walls as drafts do.
+        """
         before = self.judge_again(quality)
         self.stalls = self.stalls + 1 if psnr - before < LEAST_GAIN else 0
-        return psnr >= before - TOLERATED
+        return psnr >= before - (OF_DRAFTS if is_draft else TOLERATED)
 
     def take(self, field: GaussianPhotonField, passes: int, psnr: float) -> None:
         """Take a new field."""

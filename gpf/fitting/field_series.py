@@ -87,7 +87,7 @@ class FieldSeries:
     def is_done(self) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
         target, psnr = self.goals.target_psnr, self.best.psnr
-        if psnr is None:
+        if psnr is None or self.last is None or self.last.is_draft:
             return False
         if target is not None and psnr >= target:
             return True
@@ -185,9 +185,8 @@ class FieldSeries:
         most = passes // LEAST_PER_ESTIMATE
         self.add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
-        # SPPM, which judges, leaks through thin walls as a draft does.
         was_draft = self.last is not None and self.last.is_draft
-        if not (self.best.gives_way_to(psnr, self.quality) or was_draft):
+        if not self.best.gives_way_to(psnr, self.quality, was_draft):
             return
         self.add_error(field, fitted)
         self.maker.split(field, lesson)

@@ -55,8 +55,8 @@ def fit(
     """Fit a field to a scene.
 
     The fit stops when the first of its goals is reached or, without any goal, after
-    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. It always completes a field from six passes, or
-    from two if fewer are asked for, however long that takes. Interrupted by Ctrl-C, the fit returns
+    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. It always completes a field from nine passes,
+    or from two if fewer are asked for, however long that takes. Interrupted by Ctrl-C, it returns
     the best field so far. The same seed and passes give the same bits on the same machine.
 
     Parameters

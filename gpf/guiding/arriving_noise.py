@@ -53,7 +53,7 @@ def least_noisy(
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.NOISE_POINTS))
     chosen = rng.permutation(dr.width(points.p))[:POINTS]
     p, n = to_numpy(points.p)[chosen], to_numpy(points.n)[chosen]
-    radius = float(np.median(cKDTree(p).query(p, min(IN_DISC, len(p)))[0][:, -1]))
+    radius = float(np.median(cKDTree(p).query(p, [min(IN_DISC, len(p))])[0]))
     at, facing = from_numpy(mi.Point3f, p), from_numpy(mi.Normal3f, n)
     bounds = scene_bounds(scene)
     half = replace(settings, paths=settings.paths // 2)

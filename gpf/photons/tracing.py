@@ -14,7 +14,13 @@ import mitsuba as mi
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
-from gpf.scene.materials import bsdf_flags, diffuse_transfer, has_diffuse, reflected_share
+from gpf.scene.materials import (
+    diffuse_transfer,
+    has_diffuse,
+    has_glossy_layers,
+    has_null,
+    reflected_share,
+)
 from gpf.scene.media import Media, Place, Visit
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
@@ -90,10 +96,8 @@ def trace_photons(
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
-    stores_direct, flags = dr.opaque(mi.Bool, not settings.indirect), bsdf_flags(scene)
-    asks_null = any(each & int(mi.BSDFFlags.Null) for each in flags)
-    layers = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)
-    has_layers = any(all(each & flag for flag in layers) for each in flags)
+    stores_direct = dr.opaque(mi.Bool, not settings.indirect)
+    asks_null, has_layers = has_null(scene), has_glossy_layers(scene)
 
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)

@@ -194,9 +194,12 @@ def one_in_each_neighbourhood(size: tuple[int, int]) -> mi.UInt32:
     These have at least one further set, so that the variance is known everywhere, also where
     others need the samples more.
     """
-    pixel, width = dr.arange(mi.UInt32, size[0] * size[1]), dr.opaque(mi.UInt32, size[0])
-    middle = [n % NEIGHBOURHOOD == NEIGHBOURHOOD // 2 for n in (pixel % width, pixel // width)]
-    return mi.UInt32(middle[0] & middle[1])
+    width, height = (dr.opaque(mi.UInt32, n) for n in size)
+    pixel = dr.arange(mi.UInt32, size[0] * size[1])
+    places = (pixel % width, width), (pixel // width, height)
+    # At the end, a neighbourhood may have no middle.
+    chosen = [(n % NEIGHBOURHOOD == NEIGHBOURHOOD // 2) | (n == end - 1) for n, end in places]
+    return mi.UInt32(chosen[0] & chosen[1])
 
 
 def allocate(noise: mi.Float64, mean: int, least: mi.UInt32) -> mi.UInt32:

@@ -15,17 +15,21 @@ def bounding_box(scene: mi.Scene) -> np.ndarray:
     ``scene.bbox()`` is wrong if Mitsuba merged rectangles into a mesh on loading: the box of that
     mesh does not contain them.
     """
-    corners = []
-    for shape in scene.shapes():
-        box = shape.bbox()
-        if shape.class_name() == "Mesh" and shape.vertex_count():  # merged, or made in Python
-            vertices = np.array(shape.vertex_positions_buffer()).reshape(-1, 3)
-            corners += [vertices.min(axis=0), vertices.max(axis=0)]
-        elif box.valid():
-            corners += [np.array(box.min), np.array(box.max)]
-    if not corners:
+    boxes = np.array([shape_box(shape) for shape in scene.shapes()]).reshape(-1, 2, 3)
+    known = np.isfinite(boxes).all(axis=(1, 2))
+    if not known.any():
         return np.zeros((2, 3))
-    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)], dtype=float)
+    return np.array([boxes[known, 0].min(axis=0), boxes[known, 1].max(axis=0)])
+
+
+def shape_box(shape: mi.Shape) -> np.ndarray:
+    """Two opposite corners of the box around a shape, world units, (2, 3); infinite if there is
+    none."""
+    if shape.class_name() == "Mesh" and shape.vertex_count():  # merged, or made in Python
+        vertices = dr.unravel(mi.Point3f, shape.vertex_positions_buffer())
+        return np.array([[float(reduce(v)[0]) for v in vertices] for reduce in (dr.min, dr.max)])
+    box = shape.bbox()
+    return np.array([box.min, box.max], dtype=float)
 
 
 def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
@@ -36,8 +40,8 @@ def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
 
 def box_around(p: mi.Point3f) -> tuple[Any, Any]:
     """The corners of the box around points, (N, 3)."""
-    corners = [[reduce(v)[0] for v in p] for reduce in (dr.min, dr.max)]
-    lower, upper = (mi.ScalarPoint3f([float(v) for v in corner]) for corner in corners)
+    corners = [[float(reduce(v)[0]) for v in p] for reduce in (dr.min, dr.max)]
+    lower, upper = (mi.ScalarPoint3f(corner) for corner in corners)
     return lower, upper
 
 

@@ -14,6 +14,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from gpf.scene.shapes import parameters
+
 PARTS = ("geometry", "materials", "lights")
 
 SAME = 1e-4
@@ -125,10 +127,8 @@ def _digest(*facts: bytes) -> str:
 def _values(thing: Any, without: set[Any]) -> Iterator[bytes]:
     """The class and the values of an object and its children, except those in ``without``."""
     yield thing.class_name().encode()
-    found = mi.traverse(thing)
-    for key, facts in found.properties.items():
-        if facts[2] not in without:
-            value = found[key]
+    for key, value, owner in parameters(thing):
+        if owner not in without:
             # Only for transforms: the `matrix` of a colour would be a swizzle of its channels.
             value = value.matrix if hasattr(type(value), "matrix") else value
             # A copy: reading the value of a phase function itself would make it an array in memory,

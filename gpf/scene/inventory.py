@@ -13,7 +13,7 @@ from gpf.core.errors import UserError
 from gpf.scene.bounds import bounding_box
 from gpf.scene.materials import NOT_DIFFUSE, require_separable
 from gpf.scene.media_checks import check_media
-from gpf.scene.shapes import all_shapes
+from gpf.scene.shapes import all_shapes, parameters
 
 MOST_OFFSET = 4e-3
 """Largest distance of rays from surfaces at which they begin, relative to the scene's diagonal. The
@@ -28,7 +28,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """
     check_meshes(scene, where)
     check_media(scene, where)
-    warn_of_rounding(scene, where)
+    warn_of_rounding(scene)
     check_numbers(scene, where)
     if not scene.emitters():
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -48,10 +48,10 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
         )
 
 
-def warn_of_rounding(scene: mi.Scene, where: str = "scene") -> None:
+def warn_of_rounding(scene: mi.Scene) -> None:
     """Give a Python warning if the scene is too small, or too far from the origin, for Mitsuba.
 
-    Rays begin at a distance from surfaces that depends on the coordinates alone, (1 + max |p|) ε.
+    Rays begin ``(1 + max |p|) ε`` above surfaces: that depends on the coordinates alone.
     """
     box = bounding_box(scene)
     size = float(np.linalg.norm(box[1] - box[0]))
@@ -60,10 +60,10 @@ def warn_of_rounding(scene: mi.Scene, where: str = "scene") -> None:
         far = np.abs(box).max() > 10 * size
         todo = "Move it to the origin" if far else "Scale it to a size of 1 or more"
         warnings.warn(
-            f"{where}: it extends from {box[0].round(4)} to {box[1].round(4)}, where single "
+            f"The scene extends from {box[0].round(4)} to {box[1].round(4)}, where single "
             f"precision keeps rays {offset:.1g} from surfaces: light is lost in gaps, and leaks at "
             f"edges. {todo}.",
-            stacklevel=2,
+            stacklevel=1,
         )
 
 
@@ -102,9 +102,7 @@ def check_numbers(scene: mi.Scene, where: str = "scene") -> None:
     is NaN or infinite: it would spread to all of the light."""
     lights = [(emitter.id() or emitter.class_name(), emitter) for emitter in scene.emitters()]
     for name, part in (*lights, *scene_materials(scene).items()):
-        values = mi.traverse(part)
-        for key in values.properties:
-            value = values[key]
+        for key, value, _ in parameters(part):
             if not dr.is_array_v(value) or not dr.is_float_v(value):
                 continue
             if not dr.all(dr.isfinite(value), axis=None):

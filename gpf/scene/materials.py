@@ -85,15 +85,21 @@ def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
 def has_gloss(scene: mi.Scene) -> bool:
     """Whether any surface of the scene is glossy and has no diffuse component."""
     gloss, diffuse = int(mi.BSDFFlags.Glossy), int(mi.BSDFFlags.Diffuse)
-    return any(flags & gloss and not flags & diffuse for flags in bsdf_flags(scene))
+    return any(flags & gloss and not flags & diffuse for flags in _all_flags(scene))
+
+
+def has_glossy_layers(scene: mi.Scene) -> bool:
+    """Whether any surface of the scene has both a diffuse and a glossy component."""
+    layers = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)
+    return any(all(flags & layer for layer in layers) for flags in _all_flags(scene))
 
 
 def has_null(scene: mi.Scene) -> bool:
     """Whether light passes through any surface of the scene without changing direction."""
-    return any(flags & int(mi.BSDFFlags.Null) for flags in bsdf_flags(scene))
+    return any(flags & int(mi.BSDFFlags.Null) for flags in _all_flags(scene))
 
 
-def bsdf_flags(scene: mi.Scene) -> list[int]:
+def _all_flags(scene: mi.Scene) -> list[int]:
     """The flags of all BSDFs of a scene, including nested ones."""
     return [int(o.flags()) for o in mi.traverse(scene).hierarchy if isinstance(o, mi.BSDF)]
 

@@ -32,7 +32,8 @@ extinction."""
 # A segment that leaves the scene, in a medium without a boundary, is so long.
 _FAR = 1e8
 
-# Farther from the scene than this many times its size, photons are too sparse to be found.
+# Farther than this many times the size of the scene, with its cameras and lamps, photons are too
+# sparse to be found.
 _SPARSE = 32
 
 # Below this, a transmittance that is tracked survives at random.
@@ -110,8 +111,11 @@ class Media:
             return
         self.homogeneous = all(medium.is_homogeneous() for medium in self.every)
         self._everywhere = endless[0] if endless else None
-        lower, upper = scene_bounds(scene)
-        self._middle, self._size = (lower + upper) / 2, float(dr.norm(upper - lower))
+        box = mi.ScalarBoundingBox3f(*scene_bounds(scene))
+        for owner in (*scene.sensors(), *scene.emitters()):
+            if owner.bbox().valid():
+                box.expand(owner.bbox())
+        self._middle, self._size = box.center(), float(dr.norm(box.extents()))
 
     @loops_traced_once
     @dr.syntax

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import from_numpy
-from gpf.scene.bounds import scene_bounds
+from gpf.scene.bounds import scene_bounds, shape_box
 from gpf.scene.shapes import all_shapes
 
 OVERLAP = (
@@ -28,10 +28,11 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
     everything, leave the one before they leave the other, which they have entered later. Rays that
     stay in a shape tell nothing: it is an open sheet."""
     solids = {_number(shape): shape for shape in all_shapes(scene) if _is_solid(shape.bsdf())}
+    solids = {k: s for k, s in solids.items() if np.isfinite(shape_box(s)).all()}
     if len(solids) < 2:
         return []
     names = {k: s.id() or f"a shape ({s.class_name()})" for k, s in solids.items()}
-    boxes = np.array([[shape.bbox().min, shape.bbox().max] for shape in solids.values()])
+    boxes = np.array([shape_box(shape) for shape in solids.values()])
     rng, (lower, upper) = np.random.default_rng(0), scene_bounds(scene)
     aim = boxes[rng.integers(0, len(boxes), _RAYS)]
     to = from_numpy(mi.Point3f, rng.uniform(aim[:, 0], aim[:, 1]))

@@ -231,9 +231,9 @@ def propose_radius(
         return inside & same_surface(record, x, n, dr.squared_norm(record.p - x))
 
     tag = pack_tag(photons.n)
-    options = {"limit": _WIDEST, "tag": tag, "accept": accept}
-    typical = measure_spacing(photons.p, x, _NEIGHBOURS, bounds, **options)
-    return _clamped(typical * np.sqrt(photons_in_disc / _NEIGHBOURS * share), bounds)
+    factor = np.sqrt(photons_in_disc / _NEIGHBOURS * share)
+    options = {"limit": _WIDEST / factor, "tag": tag, "accept": accept}
+    return _clamped(factor * measure_spacing(photons.p, x, _NEIGHBOURS, bounds, **options), bounds)
 
 
 def propose_media_radius(
@@ -250,8 +250,9 @@ def propose_media_radius(
         return _clamped(np.inf, bounds)
     near = dr.gather(mi.Point3f, floating.p, within)
     x = dr.gather(mi.Point3f, near, _choose(dr.width(within), seed))
-    typical = measure_spacing(near, x, _NEIGHBOURS + 1, bounds, limit=_WIDEST)
-    return _clamped(typical * (photons_in_ball / _NEIGHBOURS * share) ** (1 / 3), bounds)
+    factor = (photons_in_ball / _NEIGHBOURS * share) ** (1 / 3)
+    typical = measure_spacing(near, x, _NEIGHBOURS + 1, bounds, limit=_WIDEST / factor)
+    return _clamped(factor * typical, bounds)
 
 
 def _trace_pilot(

@@ -36,8 +36,8 @@ from gpf.training.volume_light import VolumeLight
 
 BALANCED = 6, 12, 48, 192
 """Numbers of passes after which the noise of the photons is compared with that of samples. The
-first field of a fit follows the first: light gathered from a field with noisy direct light stays
-too bright."""
+first field of a fit comes after the first of them: light gathered from a field with noisy direct
+light stays too bright."""
 
 
 class StreamSettings(Settings):

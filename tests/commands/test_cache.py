@@ -31,7 +31,7 @@ def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch, capfd):
         for line in gpf_cache(capfd).splitlines()
         if "\u2502" in line
     }
-    assert list(shown) == ["old-2", "/home/me/[/pool].blend", "Blender"]
+    assert list(shown) == [str(old / "scene.xml"), "/home/me/[/pool].blend", "Blender"]
     assert " 3 " in shown["/home/me/[/pool].blend"] and " 10 " in shown["Blender"]
     assert ": 10 MB" in gpf_cache(capfd, "--clear", "scenes")
     assert not [*scenes_folder().iterdir()] and installed_python().parent.is_dir()

@@ -49,6 +49,12 @@ def test_with_a_psnr_as_the_goal_there_are_as_many_passes_as_it_needs(scene, mon
     assert record["estimated_psnr"] >= asked and record["passes"] > 4
 
 
+def test_a_draft_reaches_no_goal(scene, monkeypatch):
+    monkeypatch.setattr(plan, "FIRST_PASSES", 4)
+    passes = [passes for passes, _ in gpf.fit(scene, sensors(), target_psnr=5).record["fields"]]
+    assert len(passes) == 2 and passes[0] == 4
+
+
 @pytest.mark.slow
 def test_what_is_out_of_reach_ends_with_a_warning(scene, monkeypatch, caplog):
     monkeypatch.setattr("gpf.fitting.best_field.LEAST_GAIN", 30)

@@ -16,6 +16,7 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.photons.emission import emit_light
+from gpf.scene.fingerprint import fingerprint
 from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
 from gpf.scene.inventory import check_scene, scene_materials
 from gpf.scene.load import load_scene, load_scene_file
@@ -350,3 +351,13 @@ def test_a_name_from_windows_gets_a_hint(tmp_path):
     (tmp_path / "scene.xml").write_text(f"{text}</shape></scene>")
     with pytest.raises(UserError, match=r"does not exist\. Separate folders with / instead of \\"):
         load_scene_file(tmp_path / "scene.xml")
+
+
+def test_parameters_that_a_material_leaves_out_are_no_error():
+    """As `hair` does: a scene with it can be checked, and has a fingerprint."""
+    hair = {"type": "sphere", "bsdf": {"type": "hair"}}
+    scene = mi.load_dict(
+        {"type": "scene", "hair": hair, "floor": {"type": "rectangle"}, "light": {"type": "point"}}
+    )
+    check_scene(scene)
+    assert fingerprint(scene)["materials"]

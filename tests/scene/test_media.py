@@ -53,13 +53,13 @@ def test_the_medium_around_a_place(origin, direction, inside):
     assert dr.all(found == mi.MediumPtr(own if inside else None))
 
 
-def endless(extinction):
-    """A ball in a medium without a boundary, and a lamp above it."""
+def endless(extinction, lamp=(0, 0, 2)):
+    """A ball in a medium without a boundary, and a lamp, by default above it."""
     named = {"medium": {"type": "ref", "id": "air"}}
     parts = {
         "air": medium(extinction) | {"id": "air"},
         "view": camera((0, -5, 0), (0, 0, 0)) | named,
-        "light": point_light((0, 0, 2), 1) | named,
+        "light": point_light(lamp, 1) | named,
         "ball": {"type": "sphere"},
     }
     return mi.load_dict({"type": "scene"} | parts)
@@ -127,7 +127,12 @@ def test_samples_through_a_grid_are_independent_where_the_ray_is_always_the_same
 def test_thin_fog_without_walls_leaves_few_photons():
     _, floating = record_all(endless([1, 1, 1e-6]), PathSettings(1000), seed=1)
     assert 1e4 < dr.width(floating.p) < 5e4
-    assert np.abs(to_numpy(floating.p)).max() < 200
+    assert np.abs(to_numpy(floating.p)).max() < 300
+
+
+def test_fog_around_a_far_lamp_has_photons():
+    _, floating = record_all(endless([0.1] * 3, (0, 0, 300)), PathSettings(1000), seed=1)
+    assert (np.linalg.norm(to_numpy(floating.p) - [0, 0, 300], axis=1) < 30).sum() > 1000
 
 
 @pytest.mark.parametrize(

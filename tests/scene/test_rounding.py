@@ -37,13 +37,13 @@ def test_what_single_precision_cannot_hold_is_told(scale, shift, todo):
     scene = ball(scale, shift)
     if todo:
         with pytest.warns(
-            UserWarning, match=rf"room: it extends from .* single precision .* {todo}"
+            UserWarning, match=rf"The scene extends from .* single precision .* {todo}"
         ):
-            check_scene(scene, "room")
+            check_scene(scene)
     else:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            check_scene(scene, "room")
+            check_scene(scene)
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1, 1e6])

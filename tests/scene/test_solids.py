@@ -42,6 +42,18 @@ def test_solids_that_overlap(second, overlap):
     assert overlapping_solids(load(ball(0, 1, GLASS), second)) == [("glass", "water")] * overlap
 
 
+def test_sheets_of_glass_that_mitsuba_merges():
+    """Their mesh has no box in Mitsuba."""
+    glass = mi.load_dict(GLASS)
+    parts = {
+        f"pane {k}": {"type": "rectangle", "to_world": T().translate([0, 0, k]), "bsdf": glass}
+        for k in range(2)
+    }
+    assert (
+        overlapping_solids(mi.load_dict({"type": "scene", "b": ball(0, 3, WATER), **parts})) == []
+    )
+
+
 def test_a_fit_says_so(monkeypatch, caplog):
     monkeypatch.setattr(fit, "place_sensors", lambda scene: 1 / 0)
     with pytest.raises(ZeroDivisionError):
