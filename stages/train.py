@@ -167,9 +167,9 @@ def _recipe(work: Workspace) -> Recipe:
 
 
 def passes_of(work: Workspace, scene: mi.Scene, plan: EmissionPlan) -> PassSettings:
-    """The settings of the reference passes, measured where the training views look."""
-    sensors = [work.sensor(view) for view in work.views.train]
-    return work.params.reference.measure(scene, sensors, plan)
+    """The settings of the reference passes, measured where the first training view looks."""
+    first = [work.sensor(view) for view in work.views.train[:1]]
+    return work.params.reference.measure(scene, first, plan)
 
 
 def _params(work: Workspace) -> dict[str, Any]:

@@ -77,8 +77,9 @@ class Job:
         costs.parts.pop("radius", None)
         with costs.measure("radius"):
             plan = work.emission_plan(scene)
-            sensors = [work.sensor(view) for view in work.views.train]
-            settings = work.params.reference.measure(scene, sensors, plan)
+            # Another training view must not change the references of the others.
+            first = [work.sensor(view) for view in work.views.train[:1]]
+            settings = work.params.reference.measure(scene, first, plan)
         return cls(work, scene, plan, settings, costs)
 
     def target_points(self, views: Sequence[View], surfaces: int) -> dict[str, VisiblePoints]:

@@ -146,10 +146,12 @@ def test_another_topology_begins_anew(small, caplog):
 
 
 def test_the_light_is_that_of_a_fit(small):
-    (field,) = gpf.fit_frames([box()], sensors(), passes=30)
-    assert floor_light(field) == pytest.approx(
-        floor_light(gpf.fit(box(), sensors(), passes=30)), rel=0.03
-    )
+    found, expected = [], []
+    for seed in range(3):  # each differs by 1 % from the mean
+        (field,) = gpf.fit_frames([box()], sensors(), passes=30, seed=seed)
+        found.append(floor_light(field))
+        expected.append(floor_light(gpf.fit(box(), sensors(), passes=30, seed=seed)))
+    assert np.mean(found) == pytest.approx(np.mean(expected), rel=0.03)
 
 
 def test_lamps_are_kept_apart(small):
