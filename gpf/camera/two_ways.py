@@ -36,9 +36,9 @@ class Fork:
 class RandomWay:
     """Walks that choose one of the ways at random."""
 
-    def start(self) -> Way:
-        """The way before the first surface."""
-        return Way(mi.Float(1), mi.Float(0))
+    def start(self) -> Way | None:
+        """The way before the first surface; None if it stays the only one, with weight 1."""
+        return None
 
     def sees_light(self, depth: mi.UInt32) -> mi.Bool:
         """Whether the emission of a surface counts, (N,)."""

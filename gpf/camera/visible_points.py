@@ -10,6 +10,7 @@ import mitsuba as mi
 from gpf.camera.haze import View, lit_by, look_through
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.camera.two_ways import GivenWay, RandomWay
+from gpf.core.loops import loops_traced_once
 from gpf.core.random import next_1d, next_2d
 from gpf.core.structs import Arrival, Haze, VisiblePoints, Way
 from gpf.scene.lamps import Lamps
@@ -58,6 +59,7 @@ side. Embree traces these together, in as little as a quarter of the time, and l
 one. The hits are the same."""
 
 
+@loops_traced_once
 @dr.syntax
 def walk(
     scene: mi.Scene,
@@ -101,14 +103,15 @@ def walk(
     reflectance, valid = mi.Color3f(0), mi.Bool(False)
     # The last glossy lobe with next event estimation: its point and the density of the direction.
     origin, density, lit = mi.Point3f(0), mi.Float(0), mi.Bool(False)
-    way = ways.start()
+    way: Any = ways.start()
     active = mi.Bool(active) & (deepest > 0)
     media = Media(scene)
-    view = View(dr.zeros(mi.MediumPtr), dr.zeros(Haze), mi.Float(0))
+    # Without media, it is no array: Dr.Jit traces a loop again to remove what does not change.
+    view: Any = None
     if dr.hint(media.there, mode="scalar"):
-        view.medium = media.around(ray, active)
+        view = View(media.around(ray, active), dr.zeros(Haze), mi.Float(0))
 
-    while active:
+    while dr.hint(active, exclude=[deepest, roulette_from]):
         si = scene.ray_intersect(ray, mi.RayFlags.All, depth < COHERENT, active=active)
         if dr.hint(media.there, mode="scalar"):
             # Light that is scattered on the last edge would have come by one more.
@@ -143,7 +146,7 @@ def walk(
         throughput /= dr.select(ends, share, 1 - share)
         lights = ends & mi.Bool(bool(lamps))
         if lights:
-            arrival = Arrival(ray, view.medium)
+            arrival = Arrival(ray, medium_of(view))
             emission += throughput * light_of(lamps, sampler, bsdf, si, lights, arrival)
         if ends:
             p = mi.Point3f(si.p)
@@ -170,9 +173,18 @@ def walk(
         throughput[roulette] = throughput / survival
         active &= lives & (dr.max(throughput) > 0)
 
-    view.haze.weight *= view.chances
+    haze = dr.zeros(Haze)
+    if dr.hint(media.there, mode="scalar"):
+        haze = view.haze
+        haze.weight *= view.chances
     points = VisiblePoints(p, n, reflectance, throughput, emission, depth, valid)
-    return points, way, view.haze, Arrival(ray, view.medium)
+    way = Way(mi.Float(1), mi.Float(0)) if way is None else way
+    return points, way, haze, Arrival(ray, medium_of(view))
+
+
+def medium_of(view: View | None) -> mi.MediumPtr:
+    """The medium that rays are in; none without media."""
+    return dr.zeros(mi.MediumPtr) if view is None else view.medium
 
 
 def follow(*where: Any, **options: Any) -> tuple[VisiblePoints, Way, Haze]:

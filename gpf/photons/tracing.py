@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -105,12 +106,13 @@ def trace_photons(
     depth, direct, diffused = mi.UInt32(0), mi.Bool(True), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
     media = Media(scene)
-    medium, ratio = dr.zeros(mi.MediumPtr), mi.Color3f(1)
-    scattered_once = mi.Bool(False)
-    channel, phase = mi.UInt32(0), mi.PhaseFunctionContext(sampler, mi.TransportMode.Importance)
+    # Without media, these are no arrays: Dr.Jit traces a loop again to remove what does not change.
+    medium: Any = None
+    ratio, scattered_once, channel = medium, medium, medium
+    phase = mi.PhaseFunctionContext(sampler, mi.TransportMode.Importance)
     if dr.hint(media.there, mode="scalar"):
-        medium = media.around(ray, active)
-        channel = mi.UInt32(3 * sampler.next_1d())
+        medium, ratio = media.around(ray, active), mi.Color3f(1)
+        scattered_once, channel = mi.Bool(False), mi.UInt32(3 * sampler.next_1d())
 
     while dr.hint(active, exclude=[brightest, deepest, roulette_from, stores_direct, channel]):
         si = scene.ray_intersect(ray, active=active)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.loops import loops_traced_once
 from gpf.core.surface_tags import SAME_SURFACE_COSINE, SAME_SURFACE_HEIGHT
 from gpf.photons.photon_grid import rounded_normal
 
@@ -33,6 +34,7 @@ _GOLDEN_ANGLE = 2.399963
 _RIM, _WITHIN = 8, 8
 
 
+@loops_traced_once
 @dr.syntax
 def area_correction(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, valid: mi.Bool, radius: float, seed: int
@@ -59,7 +61,7 @@ def area_correction(
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, second = _numbers_of(p, seed)
     trials, active = mi.UInt32(0), mi.Bool(valid)
-    while active:
+    while dr.hint(active, exclude=[p, n, r, frame]):
         trials += 1
         first, second = mi.sample_tea_32(first, second)
         disc = mi.warp.square_to_uniform_disk(
@@ -70,6 +72,7 @@ def area_correction(
     return dr.select(valid, mi.Float(trials), 1)
 
 
+@loops_traced_once
 @dr.syntax
 def ball_correction(
     scene: mi.Scene, p: mi.Point3f, valid: mi.Bool, radius: float, seed: int
@@ -83,7 +86,7 @@ def ball_correction(
     start = dr.zeros(mi.Interaction3f, dr.width(p))
     start.p = p
     trials, active = mi.UInt32(0), mi.Bool(valid)
-    while active:
+    while dr.hint(active, exclude=[p, r, start]):
         trials += 1
         first, second = mi.sample_tea_32(first, second)
         place = mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
@@ -95,6 +98,7 @@ def ball_correction(
     return dr.select(valid, mi.Float(trials), 1)
 
 
+@loops_traced_once
 @dr.syntax
 def covered_share(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int, rays: int
@@ -110,7 +114,7 @@ def covered_share(
     turn, shift = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24, mi.Float(second >> 8) * 2.0**-24
     count = dr.opaque(mi.UInt32, rays)
     number, hits = mi.UInt32(0), mi.UInt32(0)
-    while number < count:
+    while dr.hint(number < count, exclude=[p, n, r, frame, turn, shift, count]):
         # The smooth kernel gives a point at the distance √s r the weight 2 (1 - s).
         s = (mi.Float(number) + shift) / mi.Float(count)
         above = _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
@@ -119,6 +123,7 @@ def covered_share(
     return dr.maximum(mi.Float(hits) / mi.Float(count), 1 / _MOST_TRIALS)
 
 
+@loops_traced_once
 @dr.syntax
 def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int) -> mi.Bool:
     """Whether the surface fails to fill the disc of this kernel, or of a smaller one, (N,).
@@ -129,7 +134,7 @@ def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, se
     first, _ = _numbers_of(p, seed)
     turn = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24
     number, filled = mi.UInt32(0), dr.full(mi.Bool, True, dr.width(p))
-    while filled & (number < _RIM + _WITHIN):
+    while dr.hint(filled & (number < _RIM + _WITHIN), exclude=[p, n, r, frame, turn]):
         within = number >= _RIM
         place = dr.sqrt(dr.maximum(mi.Float(number) - (_RIM - 0.5), 0) / _WITHIN)
         on_rim = turn + mi.Float(number) * (2 * dr.pi / _RIM - _GOLDEN_ANGLE)
@@ -156,6 +161,7 @@ def _above(
     return frame.to_world(r * mi.Vector3f(distance * cosine, distance * sine, 1))
 
 
+@loops_traced_once
 @dr.syntax
 def _lands(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, r: mi.Float, above: mi.Vector3f, rounded: bool
@@ -167,10 +173,11 @@ def _lands(
     above: offset of the place from ``p``, one radius above the disc, (N, 3).
     rounded: whether photons have rounded normals.
     """
-    ray = mi.Ray3f(p + above, -n, 0, 0, mi.Color0f())
-    left, found = mi.Float(2 * r), dr.full(mi.Bool, False, dr.width(p))
-    while ~found & (left > 0):  # glass may lie on the surface: go on below it
-        ray.maxt = left
+    o, left = mi.Point3f(p + above), mi.Float(2 * r)
+    found = dr.full(mi.Bool, False, dr.width(p))
+    looking = left > 0
+    while dr.hint(looking, exclude=[p, n, r]):  # glass may lie on the surface: go on below it
+        ray = mi.Ray3f(o, -n, left, 0, mi.Color0f())
         si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=True)
         cosine = dr.abs(dr.dot(si.n, n))
         # The kernel's limit on height; the cosine accounts for the slope of the surface.
@@ -180,6 +187,7 @@ def _lands(
         found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
         found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
         step = dr.select(si.is_valid(), si.t + 1e-3 * r, left)
-        ray.o = ray(step)
+        o = ray(step)
         left -= step
+        looking = ~found & (left > 0)
     return found
