@@ -80,7 +80,7 @@ def switched(
 ) -> Iterator[RenderSettings]:
     """Settings with some of the mechanisms; samples come in sets in any case."""
 
-    def equal(noise: mi.Float64, mean: int) -> mi.UInt32:
+    def equal(noise: mi.Float64, mean: int, least: mi.UInt32) -> mi.UInt32:
         return dr.full(mi.UInt32, mean, dr.width(noise))
 
     with ExitStack() as stack:

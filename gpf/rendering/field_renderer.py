@@ -23,7 +23,7 @@ from gpf.scene.views import View
 # Light is weakly covered if the farthest Gaussian of its query is this many search radii away.
 # Where a field has learned, there are enough within one; in a closed box beside that, the light
 # outside was found at 1.04 to 1.4.
-WEAK_COVERAGE = 1.02
+WEAK_COVERAGE = 1.1
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ is the mean over passes (Knaus and Zwicker 2011).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -206,7 +207,7 @@ class PhotonPass:
 
 def propose_radius(
     scene: mi.Scene,
-    points: VisiblePoints,
+    points: VisiblePoints | Sequence[VisiblePoints],
     settings: PathSettings,
     seed: int = 0,
     photons_in_disc: float = 16.0,
@@ -215,14 +216,30 @@ def propose_radius(
     per pass.
 
     A pilot pass measures the photon density at the points: the distance to the 8th nearest photon
-    on the same surface, median over 4096 samples. The radius is clamped to what single precision
-    tells apart, and to 5e-2 of the scene's diagonal.
+    on the same surface, median over 4096 samples. Of several views' points, each has its own
+    radius, and the lower quartile of them is taken: a wide kernel would leak from the bright side
+    of a wall, and a field has wider ones where photons are few. The radius is clamped to what
+    single precision tells apart, and to 5e-2 of the scene's diagonal.
     """
+    views = [points] if isinstance(points, VisiblePoints) else points
+    traced = _trace_pilot(scene, settings, seed)
+    radii = [_radius_of_view(scene, view, *traced, seed, photons_in_disc) for view in views]
+    return _clamped(np.percentile(radii, 25, method="lower"), scene_bounds(scene))
+
+
+def _radius_of_view(
+    scene: mi.Scene,
+    points: VisiblePoints,
+    photons: Photons,
+    floating: Photons,
+    share: float,
+    seed: int,
+    photons_in_disc: float,
+) -> float:
     bounds = scene_bounds(scene)
-    photons, _, share = _trace_pilot(scene, settings, seed)
     lanes = dr.compress(points.valid)
     if min(dr.width(lanes), dr.width(photons.p)) == 0:
-        return _clamped(np.inf, bounds)
+        return np.inf
     lanes = dr.gather(mi.UInt32, lanes, _choose(dr.width(lanes), seed))
     x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
 
@@ -233,7 +250,7 @@ def propose_radius(
     tag = pack_tag(photons.n)
     factor = np.sqrt(photons_in_disc / _NEIGHBOURS * share)
     options = {"limit": _WIDEST / factor, "tag": tag, "accept": accept}
-    return _clamped(factor * measure_spacing(photons.p, x, _NEIGHBOURS, bounds, **options), bounds)
+    return float(factor * measure_spacing(photons.p, x, _NEIGHBOURS, bounds, **options))
 
 
 def propose_media_radius(

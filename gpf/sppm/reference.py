@@ -13,7 +13,7 @@ from pydantic import Field
 from gpf.camera.film import FilmSamples, sample_film
 from gpf.core.random import Stream, pass_seed, stream_of
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Seed
-from gpf.core.structs import VisiblePoints, concatenate, from_numpy
+from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.guiding.visible_region import sample_visible_points
 from gpf.photons.tracing import PathSettings
@@ -69,7 +69,7 @@ class ReferenceSettings(PassSettings):
             )
             seen = [sample_visible_points(scene, sensor, each, seed, 0) for sensor in sensors]
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
-            measured = propose_radius(scene, concatenate(seen), pilot, self.seed)
+            measured = propose_radius(scene, seen, pilot, self.seed)
             # Rounded in steps of a fifth, so that a new training view rarely changes the radius:
             # with a different radius, all novel views would have to be rendered again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")

@@ -102,7 +102,9 @@ def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
     rng = np.random.default_rng(3)
     bake_on_floor(sealed, field, rng.uniform(1.2, 2.5, (1000, 2)))
     assert not caplog.records
-    bake_on_floor(sealed, field, rng.uniform(-0.9, 0.9, (1000, 2)))
+    # The roof, from inside.
+    p = np.column_stack([rng.uniform(-0.9, 0.9, (1000, 2)), np.full(1000, 2)]).astype(np.float32)
+    bake_light(sealed, field, p, np.tile(-UP, (1000, 1)))
     (record,) = caplog.records
     assert "where the field has learned nothing" in record.message and record.args[0] > 80
 
