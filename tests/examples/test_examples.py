@@ -262,7 +262,7 @@ def test_the_tour(small, monkeypatch, capsys):
     told = capsys.readouterr().out
     assert re.search(r"\d{4} Gaussians from 16 passes", told)
     shares = re.findall(r"(\d+\.\d\d)% of the pixels are weakly covered", told)
-    assert len(shares) == 2 and max(map(float, shares)) < 1
+    assert len(shares) == 2 and max(map(float, shares)) < 5  # after a second of fitting
 
 
 def test_the_tour_is_stored_with_its_pictures():
