@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.loops import loops_traced_once
-from gpf.scene.bounds import scene_bounds
+from gpf.scene.bounds import bounding_box
 from gpf.scene.shapes import all_shapes
 
 CROSSING = 4.0
@@ -111,11 +113,15 @@ class Media:
             return
         self.homogeneous = all(medium.is_homogeneous() for medium in self.every)
         self._everywhere = endless[0] if endless else None
-        box = mi.ScalarBoundingBox3f(*scene_bounds(scene))
-        for owner in (*scene.sensors(), *scene.emitters()):
-            if owner.bbox().valid():
-                box.expand(owner.bbox())
-        self._middle, self._size = box.center(), float(dr.norm(box.extents()))
+
+    @cached_property
+    def _box(self) -> tuple[np.ndarray, float]:
+        """The middle and the diagonal of the box around shapes, cameras and lamps, world units."""
+        owners = (*self.scene.sensors(), *self.scene.emitters())
+        boxes = [[owner.bbox().min, owner.bbox().max] for owner in owners if owner.bbox().valid()]
+        corners = np.array([bounding_box(self.scene), *boxes], float).reshape(-1, 3)
+        lower, upper = corners.min(axis=0), corners.max(axis=0)
+        return (lower + upper) / 2, float(np.linalg.norm(upper - lower))
 
     @loops_traced_once
     @dr.syntax
@@ -231,7 +237,7 @@ class Media:
         scatters = mi.Bool(False)
         t, far, flying = self.span(medium, ray, distance, active)
         majorant = medium.get_majorant(place.interaction(), flying)
-        middle, size = mi.Point3f(self._middle), dr.opaque(mi.Float, self._size)
+        middle, size = mi.Point3f(self._box[0].tolist()), dr.opaque(mi.Float, self._box[1])
         dr.make_opaque(middle)
         while dr.hint(flying, exclude=[far, majorant, middle, size]):
             rate = dr.maximum(majorant, CROSSING / dr.maximum(size, dr.norm(ray(t) - middle)))
