@@ -18,7 +18,7 @@ def gpf_cache(capfd, *words: str) -> str:
 
 def test_the_cache_is_shown_and_cleared(tmp_path, monkeypatch, capfd):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("COLUMNS", "400")
     assert ": 0 MB" in gpf_cache(capfd)
     pool, old = (scenes_folder() / name for name in ("pool-1", "old-2"))
     for folder, size in ((pool, 3_000_000), (old, 1_000_000), (installed_python().parent, 10**7)):

@@ -98,15 +98,18 @@ def test_no_draft_is_handed_out(sealed):
 
 @pytest.mark.slow
 def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
-    field = gpf.fit(sealed, [mi.load_dict(OUTSIDE)], seconds=0.1)
+    """But for some of those that are nearer to the field outside than its finest kernels."""
+    field = gpf.fit(sealed, [mi.load_dict(OUTSIDE)], passes=24)
     rng = np.random.default_rng(3)
     bake_on_floor(sealed, field, rng.uniform(1.2, 2.5, (1000, 2)))
     assert not caplog.records
-    # The roof, from inside.
-    p = np.column_stack([rng.uniform(-0.9, 0.9, (1000, 2)), np.full(1000, 2)]).astype(np.float32)
-    bake_light(sealed, field, p, np.tile(-UP, (1000, 1)))
-    (record,) = caplog.records
-    assert "where the field has learned nothing" in record.message and record.args[0] > 80
+    xy = rng.uniform(-0.9, 0.9, (1000, 2))
+    bake_on_floor(sealed, field, xy)
+    roof = np.column_stack([xy, np.full(1000, 2)]).astype(np.float32)
+    bake_light(sealed, field, roof, np.tile(-UP, (1000, 1)))  # from inside
+    below, above = caplog.records
+    assert "where the field has learned nothing" in below.message and below.args[0] > 60
+    assert above.args[0] > 95
 
 
 def bake_on_floor(scene: mi.Scene, field, xy: np.ndarray) -> np.ndarray:
