@@ -137,7 +137,7 @@ def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) ->
     rng = step_random(size, seed, step)
     stride = dr.opaque(mi.Float, count / size)
     place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
-    return dr.minimum(mi.UInt32(place), count - 1)
+    return dr.minimum(mi.UInt32(place), dr.opaque(mi.UInt32, count - 1))
 
 
 def next_1d(sampler: mi.Sampler, active: mi.Bool) -> mi.Float:

@@ -40,7 +40,8 @@ def measure_spacing(
     extent = float(dr.norm(bounds[1] - bounds[0]))
     size = min(max(size, 1e-6 * extent), extent) or 1.0
     grid = SpatialHash(points, cell=1e-2 * size, bounds=bounds, far=True, tag=tag)
-    start, end = mi.Float(2e-3 * size), mi.Float(limit * grid.levels.extent)
+    # Opaque, so that the kernel is compiled once.
+    start, end = (dr.opaque(mi.Float, d) for d in (2e-3 * size, limit * grid.levels.extent))
     _, distance2 = grid.nearest(x, k, start, end, accept)
     # Without a mean of two, which may be infinite.
     return float(np.sqrt(np.percentile(distance2[k - 1].numpy(), percentile, method="higher")))

@@ -131,7 +131,7 @@ def report_views(
             clearance=float(clearances[k]) / typical,
             # A camera in a medium, such as water, is meant to be there.
             inside=bool(inside[k]) and medium_at(scene, views[k].origin) is None,
-            points=take(points, every + k * lanes),
+            points=take(points, every + dr.opaque(mi.UInt32, k * lanes)),
         )
         for k, view in enumerate(views)
     ]

@@ -8,6 +8,7 @@ from gpf.core.images import tone_map
 from gpf.viewing.pace import HEIGHTS, Pace
 from gpf.viewing.screen import to_display
 
+
 def test_the_pace_follows_the_machine():
     pace = Pace()
     assert pace.height(1.0, 1000) == HEIGHTS[0]
