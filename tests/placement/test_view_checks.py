@@ -1,5 +1,6 @@
 """Views that are of use, and those that are not."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -129,3 +130,20 @@ def test_where_no_lamp_shines_nothing_is_lit():
     view = View(name="a", origin=(0, 0, 2), target=(0, 0.1, 0), fov=20)
     found = report_views(dark, [view])[0]
     assert found.lit_share == 0 and found.diffuse_share == 1
+
+
+def test_further_views_have_no_kernels_of_their_own(scene):
+    views = [
+        View(name=str(k), origin=(0.1 * k, 0.5, 0.8), target=(0, -0.5, -0.5), fov=50)
+        for k in range(5)
+    ]
+    few = kernels_of(lambda: report_views(scene, views[:2]))
+    assert len(few) > 5 and kernels_of(lambda: report_views(scene, views)) == few
+
+
+def kernels_of(call) -> set[str]:
+    """The kernels that a call launches."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        call()
+        return {entry["hash"] for entry in dr.kernel_history([dr.KernelType.JIT])}
