@@ -24,6 +24,7 @@ from gpf.placement.view_checks import (
     ViewReport,
     covered,
     enough_light,
+    light_at_hand,
     report_views,
     spacing,
 )
@@ -89,11 +90,12 @@ def place_cameras(scene: mi.Scene, own: Sequence[View], aspect: float) -> ViewSe
     UserError: too few views without faults are found.
     """
     orbit = Orbit.around(scene, own[0], aspect)
-    views, reports = list(own), report_views(scene, own, aspect)
+    photons = light_at_hand(scene)
+    views, reports = list(own), report_views(scene, own, aspect, photons=photons)
     for spread in _SPREADS:
         candidates = _candidates(scene, orbit, spread)
         views += candidates
-        reports += report_views(scene, candidates, aspect)
+        reports += report_views(scene, candidates, aspect, photons=photons)
         fit = _fit(reports, len(own))
         if len(fit) >= len(own) + 4 * (TRAINING + NOVEL):
             break

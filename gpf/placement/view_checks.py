@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -89,22 +89,40 @@ class ViewReport:
         return found
 
 
-def report_views(
-    scene: mi.Scene, views: Sequence[View], aspect: float = 1.0, seed: int = 0
-) -> list[ViewReport]:
-    """Examine views with images of 48 rows, and with rays in all directions from the camera.
-
-    A point is lit if one of a few emitter samples reaches it, or if a photon lands near it.
-    """
+def points_seen(
+    scene: mi.Scene, views: Sequence[View], aspect: float, seed: int = 0
+) -> tuple[VisiblePoints, mi.Sampler]:
+    """The visible points in images of 48 rows, one per pixel, view by view; and their sampler."""
     size = max(1, round(_ROWS * aspect)), _ROWS
-    lanes = size[0] * size[1]
     rng = np.random.default_rng(seed)
     rays = [_camera_rays(view, size, rng) for view in views]
     o, d = (np.concatenate(parts, axis=1) for parts in zip(*rays, strict=True))
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-    sampler.seed(seed, lanes * len(views))
+    sampler.seed(seed, o.shape[1])
     ray = mi.Ray3f(from_numpy(mi.Point3f, o.T), from_numpy(mi.Vector3f, d.T))
-    points, _ = find_visible_points(scene, sampler, ray)
+    return find_visible_points(scene, sampler, ray)[0], sampler
+
+
+def light_at_hand(scene: mi.Scene, seed: int = 0) -> Photons:
+    """Photons that tell :func:`report_views` where light is, (N,)."""
+    return record_photons(scene, PathSettings(200_000), seed)
+
+
+def report_views(
+    scene: mi.Scene,
+    views: Sequence[View],
+    aspect: float = 1.0,
+    seed: int = 0,
+    photons: Photons | None = None,
+) -> list[ViewReport]:
+    """Examine views by their visible points, and with rays in all directions from the camera.
+
+    A point is lit if one of a few emitter samples reaches it, or if a photon lands near it.
+
+    ``photons``: those of :func:`light_at_hand`; by default they are traced here.
+    """
+    points, sampler = points_seen(scene, views, aspect, seed)
+    lanes = dr.width(points.p) // len(views)
     valid = np.asarray(points.valid.numpy()).reshape(len(views), lanes)
     place = to_numpy(points.p).reshape(len(views), lanes, 3)
     distances = [
@@ -114,7 +132,7 @@ def report_views(
     ]
     typical = float(np.median(distances)) if distances else 1.0
     near = dr.full(mi.Bool, False, lanes * len(views))
-    photons = record_photons(scene, PathSettings(200_000), seed)
+    photons = light_at_hand(scene, seed) if photons is None else photons
     if dr.width(photons.p) > 0:
         patch = SurfacePatch(photons.p, photons.n, 0.03 * typical, scene_bounds(scene))
         near = patch.contains(points.p, points.n, points.valid)

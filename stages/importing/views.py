@@ -10,7 +10,7 @@ from gpf.core.images import propose_exposure
 from gpf.photons.tracing import PathSettings
 from gpf.placement.cameras import place_cameras
 from gpf.placement.loops import place_path
-from gpf.placement.view_checks import report_views
+from gpf.placement.view_checks import points_seen
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import PassSettings, propose_radius
@@ -35,7 +35,7 @@ def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
     """An exposure for a view, from a small image; see :func:`gpf.core.images.propose_exposure`."""
     height = 48
     sensor = make_sensor(view, max(1, round(height * aspect)), height)
-    points = report_views(scene, [view], aspect)[0].points
+    points, _ = points_seen(scene, [view], aspect)
     radius = 2 * propose_radius(scene, points, PathSettings(PHOTONS))
     settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
     renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
