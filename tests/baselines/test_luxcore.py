@@ -223,6 +223,7 @@ def test_scenes(tmp_path, two_threads, name) -> None:
 
 
 @slow
+@pytest.mark.long
 @needs_luxcore
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("name", "caches"), [("box", "indirect"), ("focus", "caustics")])

@@ -289,7 +289,11 @@ def test_the_readme_shows_a_picture_of_every_script():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize(
+    "name",
+    # That of lamps takes minutes, and its search has a test of its own.
+    [pytest.param(k, marks=pytest.mark.long if k == "inverse_lighting" else ()) for k in SCRIPTS],
+)
 def test_scripts_as_a_user_starts_them(name, tmp_path):
     """With a whole fit, and in a process of its own."""
     options = [

@@ -130,11 +130,11 @@ MEDIA = {
 @pytest.mark.parametrize(
     ("inside", "direct"),
     [
-        ("gray", "photons"),
-        ("gray", "emitters"),
+        pytest.param("gray", "photons", marks=pytest.mark.long),
+        pytest.param("gray", "emitters", marks=pytest.mark.long),
         ("colour", "emitters"),
         ("forward", "photons"),
-        ("backward", "emitters"),
+        pytest.param("backward", "emitters", marks=pytest.mark.long),
         ("grid", "emitters"),
     ],
 )

@@ -91,8 +91,24 @@ def on_panel(count: int, up: float):
     return points_at(p, np.tile(up * frame[:3, 2], (count, 1)))
 
 
+SIMILAR = (
+    "plastic",
+    "principled, roughness .1",
+    "principled, roughness 1",
+    "principled, clearcoat",
+    "principledthin, diff_trans 0",
+    "principledthin, diff_trans 2",
+    "twosided",
+    "normalmap",
+)
+"""Materials like others; the nightly tests look at them."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", MATERIALS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(k, marks=pytest.mark.long if k in SIMILAR else ()) for k in MATERIALS],
+)
 def test_a_material_keeps_the_light(kind):
     """By photons (`sppm`), by rays that end in a field of these photons, and in the field that
     learns from both; against Mitsuba's path tracer.
