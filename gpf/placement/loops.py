@@ -11,7 +11,7 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.structs import from_numpy
 from gpf.placement.orbit import Orbit
-from gpf.placement.view_checks import ViewReport, enough_light, report_views
+from gpf.placement.view_checks import ViewReport, enough_light, light_at_hand, report_views
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View
 
 # Frames of a path.
@@ -90,10 +90,10 @@ def _is_free(scene: mi.Scene, circle: Sequence[View]) -> bool:
 
 def _are_of_use(scene: mi.Scene, views: Sequence[View], aspect: float, home: ViewReport) -> bool:
     """Whether all views are without faults and show enough light, compared with ``home``."""
-    enough = enough_light([home])
+    enough, photons = enough_light([home]), light_at_hand(scene)
     blocks = (views[k : k + _BLOCK] for k in range(0, len(views), _BLOCK))
     return all(
         not report.faults(home.inside) and report.light_share >= enough
         for block in blocks
-        for report in report_views(scene, block, aspect)
+        for report in report_views(scene, block, aspect, photons=photons)
     )

@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.core.structs import from_numpy
 from gpf.core.vectors import normalise
-from gpf.placement.view_checks import points_seen
+from gpf.placement.view_checks import places_of, points_seen
 from gpf.scene.views import View
 
 
@@ -40,8 +40,7 @@ class Orbit:
         ------
         UserError: the view sees no diffuse surface.
         """
-        points, _ = points_seen(scene, [view], aspect)
-        seen = to_numpy(points.p)[np.asarray(points.valid.numpy())]
+        seen = places_of(points_seen(scene, [view], aspect)[0])
         origin = np.array(view.origin)
         forward = normalise(np.subtract(view.target, view.origin))
         if len(seen) == 0:

@@ -69,7 +69,7 @@ class ViewReport:
 
     def seen(self) -> np.ndarray:
         """The visible points on diffuse surfaces, (N, 3)."""
-        return to_numpy(self.points.p)[np.asarray(self.points.valid.numpy())]
+        return places_of(self.points)
 
     def faults(self, home_inside: bool = False) -> list[str]:
         """The view's faults in words; empty for a good view.
@@ -101,6 +101,11 @@ def points_seen(
     sampler.seed(seed, o.shape[1])
     ray = mi.Ray3f(from_numpy(mi.Point3f, o.T), from_numpy(mi.Vector3f, d.T))
     return find_visible_points(scene, sampler, ray)[0], sampler
+
+
+def places_of(points: VisiblePoints) -> np.ndarray:
+    """Where walks ended on diffuse surfaces, (N, 3)."""
+    return to_numpy(points.p)[np.asarray(points.valid.numpy())]
 
 
 def light_at_hand(scene: mi.Scene, seed: int = 0) -> Photons:
