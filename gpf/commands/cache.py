@@ -5,12 +5,10 @@ from __future__ import annotations
 import shutil
 import time
 
-from rich.table import Table
-
 from gpf.blender.conversion import origin_of, scenes_folder
 from gpf.blender.process import installed_python
 from gpf.core.partial import remove_leftovers
-from gpf.core.progress import console, say
+from gpf.core.progress import say
 
 
 def show_cache(clear: str | None) -> None:
@@ -20,7 +18,7 @@ def show_cache(clear: str | None) -> None:
     """
     scenes, blender = scenes_folder(), installed_python().parent.parent
     remove_leftovers(scenes)
-    table, total = Table("from", "made", "MB"), 0.0
+    total = 0.0
     for folder in (*sorted(scenes.glob("*/")), *blender.parent.glob(blender.name)):
         if clear == "all" or (clear == "scenes" and folder != blender):
             shutil.rmtree(folder)
@@ -28,7 +26,6 @@ def show_cache(clear: str | None) -> None:
         size = sum(file.lstat().st_size for file in folder.rglob("*")) / 1e6
         made = time.strftime("%Y-%m-%d", time.localtime(folder.stat().st_mtime))
         source = "Blender" if folder == blender else str(origin_of(folder / "scene.xml"))
-        table.add_row(source, made, f"{size:.0f}")
+        say(f"{size:6.0f} MB  {made}  {source}")
         total += size
-    console.print(table, markup=False)
     say(f"{scenes.parent}: {total:.0f} MB; `--clear scenes` or `--clear all` removes them")
