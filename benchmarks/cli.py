@@ -54,9 +54,5 @@ def make_app(*commands: Callable[..., None]) -> typer.Typer:
 
 def run(app: typer.Typer) -> None:
     """Run a program; an error that the user can correct is a message."""
-
-    def start(args: list[str]) -> None:
-        choose_variant()
-        app(args=args)
-
-    run_app(start)  # type: ignore[arg-type]
+    choose_variant()
+    run_app(app)
