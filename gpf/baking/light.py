@@ -15,7 +15,7 @@ from gpf.core.images import check_finite
 from gpf.core.random import pass_seed, stream_of
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.field.ordered_query import query_in_order
+from gpf.field.shared_query import query_shared
 from gpf.rendering.field_renderer import WEAK_COVERAGE
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
@@ -149,6 +149,5 @@ def bake_light(
 
 def _stored(field: GaussianPhotonField, points: VisiblePoints) -> tuple[np.ndarray, np.ndarray]:
     """The field's irradiance at points, (P, 3), and how far it looked for it, (P,)."""
-    value, reach, place = query_in_order(field, points.p, points.n, points.valid)
-    index = place.numpy()
-    return np.maximum(to_numpy(value), 0)[index], np.asarray(reach.numpy())[index]
+    value, reach = query_shared(field, points.p, points.n, points.valid, near=0)
+    return np.maximum(to_numpy(value), 0), np.asarray(reach.numpy())

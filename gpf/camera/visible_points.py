@@ -18,6 +18,7 @@ from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
     has_diffuse,
+    has_others,
     is_glossy,
     specular_context,
 )
@@ -132,7 +133,9 @@ def walk(
         diffuse = active & has_diffuse(bsdf, si)
         diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
         choice = ways.choice(fork, next_1d(sampler, active))
-        sample, weight = bsdf.sample(context, si, choice, next_2d(sampler, active), active)
+        # Most surfaces of a room have nothing but a diffuse component.
+        bends = active & has_others(bsdf)
+        sample, weight = bsdf.sample(context, si, choice, next_2d(sampler, active), bends)
         way, factor = ways.through_glass(fork, way, sample, active)
         weight *= factor
         share = _share_of_diffuse(diffuse, diffuse_part, weight)

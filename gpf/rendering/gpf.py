@@ -194,7 +194,7 @@ class GPF(DifferentiableField):
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-            walks = GroupedWalks(self._walks(scene), sampler.sample_count(), self._known.walks)
+            walks = GroupedWalks(self._walks(scene), self._known.walks)
             found = self._look(walks, sampler, ray, mi.Bool(True))
             alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
             radiance = found["radiance"] * weight

@@ -2,7 +2,7 @@
 
 :class:`Walks` traces everything into one kernel, which can be recorded. :class:`GroupedWalks` is
 for many samples per pixel: what the walks find goes through memory, further walks are made only for
-the samples that need them, and samples close together share a query of the field.
+the samples that need them, and samples close together share an answer of the field.
 """
 
 from __future__ import annotations
@@ -17,19 +17,10 @@ from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
-from gpf.field.ordered_query import in_order, query_in_order
+from gpf.field.shared_query import answer, in_order, query_shared
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 from gpf.sppm.fixed_points import FixedPoints
-
-GROUP = 4
-"""Most samples of a pixel that share a query."""
-
-NEAR = 0.125
-"""Largest distance between samples that share a query, in search radii of their level."""
-
-SAME_SIDE = 0.95
-"""Smallest cosine between their normals."""
 
 
 class Walks:
@@ -155,22 +146,15 @@ def _join(
 
 
 class GroupedWalks(Walks):
-    """The walks of several samples of each pixel, which share what costs most.
-
-    Up to :data:`GROUP` consecutive lanes of the same pixel are a group. Samples of a group are
-    exchangeable, so one of them may stand for others without a bias of the mean. Those that lie
-    close to the first take its answer; the mean then changes only by the covariance, within a
-    group, of irradiance and reflectance.
+    """Walks that share what costs most (:mod:`gpf.field.shared_query`).
 
     Parameters
     ----------
-    samples: samples per pixel, in consecutive lanes.
     recorded: recorded walks of the scene.
     """
 
-    def __init__(self, walks: Walks, samples: int, recorded: RecordedWalks) -> None:
+    def __init__(self, walks: Walks, recorded: RecordedWalks) -> None:
         vars(self).update(vars(walks))
-        self.group = max(n for n in range(1, GROUP + 1) if samples % n == 0)
         self.recorded, self.follow = recorded, recorded.follow
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
@@ -189,7 +173,7 @@ class GroupedWalks(Walks):
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
         points, way, unsure = self._follow(sampler, ray, active, back)
-        value, reach = query_together(self.field, points, self.group)
+        value, reach = query_shared(self.field, points.p, points.n, points.valid)
         return self._shown(points, value, reach, way, unsure, sampler), way
 
     def _scattered(self, haze: Haze) -> mi.Color3f:
@@ -214,40 +198,10 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = GroupedWalks(self, 1, self.recorded)
+        alone = GroupedWalks(self, self.recorded)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
-        return {key: _answer(value, index, back) for key, value in found.items()}
-
-
-def query_together(
-    field: GaussianPhotonField, points: VisiblePoints, group: int
-) -> tuple[mi.Color3f, mi.Float]:
-    """The field's answer at evaluated points, as from :meth:`GaussianPhotonField.query`.
-
-    Lanes ask only where their walk found a diffuse surface, and where the first lane of their group
-    does not ask for them.
-
-    Parameters
-    ----------
-    group: number of lanes in a group; 1 if no lane asks for another one.
-    """
-    lanes, first = _groups(points.valid, group)
-    x = field.unfold(points.p)
-    apart = dr.squared_norm(x - dr.gather(mi.Point3f, x, first))
-    shared = (lanes != first) & dr.gather(mi.Bool, points.valid, first)
-    shared &= apart < (NEAR * field.settings.search_radius) ** 2
-    shared &= dr.dot(points.n, dr.gather(mi.Normal3f, points.n, first)) > SAME_SIDE
-    value, reach, place = query_in_order(field, points.p, points.n, points.valid & ~shared)
-    index = dr.gather(mi.UInt32, place, dr.select(shared, first, lanes), points.valid)
-    reach = dr.select(points.valid, _answer(reach, index, points.valid), dr.inf)
-    return _answer(value, index, points.valid), reach
-
-
-def _groups(lanes: mi.Bool, group: int) -> tuple[mi.UInt32, mi.UInt32]:
-    """The numbers of lanes, and those of the first lanes of their groups, (N,) each."""
-    number = dr.arange(mi.UInt32, dr.width(lanes))
-    return number, number - number % group
+        return {key: answer(value, index, back) for key, value in found.items()}
 
 
 def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
@@ -256,9 +210,3 @@ def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
     dr.eval(asks, place)
     return dr.compress(asks), place
 
-
-def _answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
-    """The answers of lanes, zero where not active; a value with one lane is the same for all."""
-    if dr.width(values) == 1:
-        return dr.select(active, values, dr.zeros(type(values)))
-    return dr.gather(type(values), values, index, active)

@@ -17,7 +17,7 @@ from gpf.core.loops import loops_traced_once
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
-from gpf.field.ordered_query import query_in_order
+from gpf.field.shared_query import query_shared
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context, diffuse_reflectance, has_diffuse
 from gpf.sppm.fixed_points import FixedPoints
@@ -89,9 +89,8 @@ def gather(
     weight = dr.select(cosine > 0, dr.pi / cosine, 0) * points.share(ray.d)
     ends = _look(points.scene, field, ray, cosine > 0, seed)
     dr.eval(ends, weight)
-    value, _, place = query_in_order(field, ends.p, ends.n, ends.valid)
-    arriving = dr.maximum(dr.gather(mi.Color3f, value, place, ends.valid), 0)
-    return weight * ends.radiance(arriving)
+    arriving, _ = query_shared(field, ends.p, ends.n, ends.valid)
+    return weight * ends.radiance(dr.maximum(arriving, 0))
 
 
 @loops_traced_once

@@ -1,98 +1,19 @@
-"""Samples of a pixel that share queries of the field and reflections."""
+"""Samples that share answers of the field, and further walks only where they are needed."""
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
 from gpf.rendering.recording import RecordedWalks
-from gpf.rendering.walks import GROUP, NEAR, SAME_SIDE, GroupedWalks, Walks, query_together
+from gpf.rendering.walks import GroupedWalks, Walks
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.furnace import floor
-from tests.plain_field import (
-    LOWER,
-    UPPER,
-    ask,
-    make_field,
-    random_gaussians,
-    random_normals,
-    to_device,
-)
-
-RADIUS = 0.4
-PIXELS = 200
-
-
-@pytest.fixture(scope="module")
-def field():
-    settings = FieldSettings(search_radius=RADIUS)
-    return make_field(random_gaussians(np.random.default_rng(1), 900), settings)
-
-
-def test_samples_far_apart_have_their_own_answers(field):
-    rng = np.random.default_rng(2)
-    x = rng.uniform(LOWER, UPPER, (PIXELS * GROUP, 3))
-    n = random_normals(rng, len(x))
-    valid = rng.random(len(x)) < 0.7
-    first = x[::GROUP].repeat(GROUP, axis=0)
-    own = np.linalg.norm(x - first, axis=1) > NEAR * RADIUS
-    own[::GROUP] = True
-    assert own.sum() > 0.9 * len(x)
-    value, reach = together(field, x, n, valid)
-    theirs, far = ask(field, x, n, from_numpy(mi.Bool, valid))
-    np.testing.assert_allclose(value[own], theirs[own], rtol=1e-5)
-    np.testing.assert_allclose(reach[own], far[own], rtol=1e-5)
-    assert (value[~valid] == 0).all() and np.isinf(reach[~valid]).all()
-
-
-def test_nobody_asks(field):
-    x = np.zeros((2 * GROUP, 3))
-    value, reach = together(field, x, np.tile([0, 0, 1.0], (len(x), 1)), np.full(len(x), False))
-    assert (value == 0).all() and np.isinf(reach).all()
-
-
-@pytest.mark.parametrize("broken", ["nothing", "the first is no surface", "another side"])
-def test_samples_close_together_have_the_answer_of_the_first(field, broken):
-    rng = np.random.default_rng(3)
-    shift = rng.normal(size=(PIXELS * GROUP, 3))
-    shift *= 0.49 * NEAR * RADIUS / np.linalg.norm(shift, axis=1, keepdims=True)
-    x = rng.uniform(LOWER, UPPER, (PIXELS, 3)).repeat(GROUP, axis=0) + shift
-    n = random_normals(rng, PIXELS).repeat(GROUP, axis=0)
-    valid = np.full(len(x), True)
-    if broken == "the first is no surface":
-        valid[::GROUP] = False
-    if broken == "another side":
-        turned = np.cross(n, [0.3, 0.5, 0.8])
-        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-        angle = 1.01 * np.arccos(SAME_SIDE)
-        n[1::GROUP] = (np.cos(angle) * n + np.sin(angle) * turned)[1::GROUP]
-    value, _ = together(field, x, n, valid)
-    own, _ = ask(field, x, n, from_numpy(mi.Bool, valid))
-    pixels, theirs = value.reshape(PIXELS, GROUP, 3), own.reshape(PIXELS, GROUP, 3)
-    if broken == "the first is no surface":
-        np.testing.assert_allclose(value, own, rtol=1e-5)
-        return
-    np.testing.assert_allclose(pixels[:, 0], theirs[:, 0], rtol=1e-5)
-    shared = [k for k in range(1, GROUP) if k > 1 or broken == "nothing"]
-    for k in shared:
-        np.testing.assert_array_equal(pixels[:, k], pixels[:, 0])
-        assert (theirs[:, k] != theirs[:, 0]).any()
-    if broken == "another side":
-        np.testing.assert_allclose(pixels[:, 1], theirs[:, 1], rtol=1e-5)
-
-
-def together(field, x: np.ndarray, n: np.ndarray, valid: np.ndarray):
-    points = dr.zeros(VisiblePoints, len(x))
-    points.p, points.n = from_numpy(mi.Point3f, x), from_numpy(mi.Normal3f, n)
-    points.valid = from_numpy(mi.Bool, valid)
-    value, reach = query_together(field, points, GROUP)
-    return to_numpy(value), to_numpy(reach)
-
+from tests.plain_field import random_gaussians, to_device
 
 AOVS = ("albedo", "irradiance", "visible_normal")
 
@@ -178,7 +99,7 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
     sampler.seed(1, rays)
     o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
     ray = mi.Ray3f(from_numpy(mi.Point3f, o), from_numpy(mi.Vector3f, d))
-    found = GroupedWalks(walks, rays, RecordedWalks()).look(sampler, ray, mi.Bool(True))
+    found = GroupedWalks(walks, RecordedWalks()).look(sampler, ray, mi.Bool(True))
     # Glass with index 3 reflects r = 2 f / (1 + f) with f = 1/4; the floor reflects a half.
     r = 0.5 / 1.25
     expected = r + (1 - r) * 0.5 * 2 / np.pi
