@@ -12,9 +12,7 @@ import numpy as np
 from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed
 from gpf.field.field import GaussianPhotonField
-from gpf.rendering.adaptive import MIN_SPP
 from gpf.rendering.aovs import split_layers
-from gpf.rendering.batches import mean_of_batches
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.sensors import make_sensor
@@ -88,16 +86,11 @@ class FieldRenderer:
                 known.append((spp, variance))
             return np.array(image)
 
-        def sample_in_batches(spp: int, seed: int) -> np.ndarray:
-            # Adaptive samples limit their memory themselves.
-            pixels = 1 if settings.adaptive and spp >= MIN_SPP else size[0] * size[1]
-            return mean_of_batches(sample, spp, seed, pixels)
-
         def sample_part(spp: int, part: int) -> np.ndarray:
-            return sample_in_batches(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
+            return sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
 
         if seconds is None:
-            image, spp = sample_in_batches(settings.spp, seed), settings.spp
+            image, spp = sample(settings.spp, seed), settings.spp
         else:
             image, spp = sample_for(seconds, sample_part)
         if settings.denoise:

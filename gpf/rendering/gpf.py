@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,13 @@ from gpf.rendering.aovs import (
     parse_aovs,
     split_layers,
 )
+from gpf.rendering.batches import mean_of_batches
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
 from gpf.rendering.recording import KnownScene, RecordedFrames
+from gpf.rendering.sample_sets import largest_launch
 from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.walks import GroupedWalks, Walks
 
@@ -160,7 +163,8 @@ class GPF(DifferentiableField):
         self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, evaluate: bool
     ) -> tuple[mi.TensorXf, np.ndarray | None]:
         """The mean of all samples, and the variance of its pixels where that is known."""
-        if self.adaptive and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
+        spp = spp or sensor.sampler().sample_count()
+        if self.adaptive and spp >= MIN_SPP:
             if not keeps_to_pixels(sensor):
                 raise RuntimeError(
                     "Adaptive sampling needs a film with a box filter and a shutter time of zero. "
@@ -173,7 +177,15 @@ class GPF(DifferentiableField):
             return self.recorded_frames.render(
                 self._sample_with, scene, sensor, seed, spp, fields, facts
             ), None
-        return super().render(scene, sensor, seed, spp, True, evaluate), None
+        pixels, most = math.prod(sensor.film().crop_size()), largest_launch()
+        if spp * pixels <= most:
+            return super().render(scene, sensor, seed, spp, True, evaluate), None
+
+        def batch(spp: int, seed: int) -> np.ndarray:
+            return np.array(super(GPF, self).render(scene, sensor, seed, spp))
+
+        image = mean_of_batches(batch, spp, plain_seed(seed), pixels, most)
+        return from_numpy(mi.TensorXf, image), None
 
     def _sample_with(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
@@ -202,12 +214,11 @@ class GPF(DifferentiableField):
 
         film.prepare(self.aov_names())
         size = int(film.crop_size()[0]), int(film.crop_size()[1])
-        sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
-        seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
+        switches = self.suppress_fireflies, self.denoise
         variance = None
         with dr.suspend_grad():
             means = sample_adaptively(
-                sample, sampler, size, spp, seed, self.suppress_fireflies, self.denoise
+                sample, sensor.sampler(), size, spp, plain_seed(seed), *switches
             )
             if self.denoise:
                 variance = means[..., -1].numpy()
@@ -240,7 +251,11 @@ class GPF(DifferentiableField):
         if mode != dr.ADMode.Primal:
             radiance, valid = attached_radiance(walks, sampler, mi.Ray3f(ray), mi.Bool(active))
             return radiance, valid, [mi.Float(0) for _ in self.aov_names()], None
-        found = self._look(walks, sampler, mi.Ray3f(ray), mi.Bool(active))
+        ray, active = mi.Ray3f(ray), mi.Bool(active)
+        # Recorded frames are one kernel.
+        if not self.record and dr.width(ray) <= largest_launch():
+            walks = GroupedWalks(walks, self._known.walks)
+        found = self._look(walks, sampler, ray, active)
         return found["radiance"], found["valid"], channels(walks.aovs, found), None
 
     def _walks(self, scene: mi.Scene) -> Walks:
@@ -274,6 +289,11 @@ class GPF(DifferentiableField):
     def to_string(self) -> str:
         """A description, for print."""
         return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
+
+
+def plain_seed(seed: Any) -> int:
+    """A seed as Python's number."""
+    return seed if isinstance(seed, int) else int(dr.slice(seed))
 
 
 mi.register_integrator("gpf", GPF)

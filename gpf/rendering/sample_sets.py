@@ -20,9 +20,12 @@ from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import from_numpy
 from gpf.rendering.fireflies import BrightestBlocks, choose_block_size
 
-LARGEST_LAUNCH = {"llvm": 1 << 21, "cuda": 1 << 23}
-"""Most samples in one launch, by backend. All of them are in memory at once, but a GPU takes a few
-million of them in the time that Python needs to trace a launch."""
+
+def largest_launch() -> int:
+    """Most samples in one launch. All of them are in memory at once, but a GPU takes a few million
+    of them in the time that Python needs to trace a launch."""
+    return 1 << (23 if "cuda" in str(mi.variant()) else 21)
+
 
 SampleFunction = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
 """Maps a seeded sampler and the pixel of each lane to the channels of each lane's sample; the first
@@ -70,7 +73,7 @@ class SampleSets:
         ends = dr.prefix_reduce(
             dr.ReduceOp.Add, dr.gather(mi.UInt32, counts, pixels), exclusive=False
         )
-        largest = max(LARGEST_LAUNCH[str(mi.variant()).split("_")[0]] // self.set_size, 1)
+        largest = max(largest_launch() // self.set_size, 1)
         total = int(ends[dr.width(ends) - 1])
         starts = np.arange(0, total, largest)
         stops = np.minimum(starts + largest, total)

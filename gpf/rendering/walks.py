@@ -17,10 +17,14 @@ from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
-from gpf.field.shared_query import answer, in_order, query_shared
+from gpf.field.shared_query import NEAR, answer, in_order, query_shared
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 from gpf.sppm.fixed_points import FixedPoints
+
+NEAR_IN_REFLECTIONS = 0.2
+"""What is seen in glass or lacquer is faint, or blurred: there, points may share an answer that are
+so many search radii apart."""
 
 
 class Walks:
@@ -151,10 +155,12 @@ class GroupedWalks(Walks):
     Parameters
     ----------
     recorded: recorded walks of the scene.
+    near: how close points are that share an answer, in search radii.
     """
 
-    def __init__(self, walks: Walks, recorded: RecordedWalks) -> None:
+    def __init__(self, walks: Walks, recorded: RecordedWalks, near: float = NEAR) -> None:
         vars(self).update(vars(walks))
+        self.near = near
         self.recorded, self.follow = recorded, recorded.follow
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
@@ -173,7 +179,7 @@ class GroupedWalks(Walks):
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
         points, way, unsure = self._follow(sampler, ray, active, back)
-        value, reach = query_shared(self.field, points.p, points.n, points.valid)
+        value, reach = query_shared(self.field, points.p, points.n, points.valid, self.near)
         return self._shown(points, value, reach, way, unsure, sampler), way
 
     def _scattered(self, haze: Haze) -> mi.Color3f:
@@ -198,7 +204,7 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = GroupedWalks(self, self.recorded)
+        alone = GroupedWalks(self, self.recorded, NEAR_IN_REFLECTIONS)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
         return {key: answer(value, index, back) for key, value in found.items()}
@@ -209,4 +215,3 @@ def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
     place = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(asks, mi.UInt32(1), 0), exclusive=True)
     dr.eval(asks, place)
     return dr.compress(asks), place
-

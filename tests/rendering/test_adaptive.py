@@ -14,7 +14,7 @@ from gpf.rendering.adaptive import (
     pixel_noise,
     sample_adaptively,
 )
-from gpf.rendering.sample_sets import LARGEST_LAUNCH, tile_order
+from gpf.rendering.sample_sets import tile_order
 
 SIZE = WIDTH, HEIGHT = 24, 16
 
@@ -214,9 +214,7 @@ def test_what_is_not_finite_stays_where_it_is():
 
 
 def test_large_images_take_several_launches(monkeypatch):
-    monkeypatch.setattr(
-        "gpf.rendering.sample_sets.LARGEST_LAUNCH", dict.fromkeys(LARGEST_LAUNCH, 1000)
-    )
+    monkeypatch.setattr("gpf.rendering.sample_sets.largest_launch", lambda: 1000)
     widths = []
 
     def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:

@@ -62,6 +62,12 @@ def make_scene(**more) -> mi.Scene:
     )
 
 
+@pytest.fixture(autouse=True)
+def no_shared_answers(monkeypatch):
+    """Finite differences show the jump where another sample begins to answer for many."""
+    monkeypatch.setattr("gpf.rendering.gpf.GroupedWalks", lambda walks, *_: walks)
+
+
 def make_field(direct: str = "field") -> GaussianPhotonField:
     """Many Gaussians near the floor."""
     rng = np.random.default_rng(8)

@@ -10,7 +10,6 @@ import pytest
 from gpf.core.structs import from_numpy
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.fireflies import RIVALS, TOLERANCE, BrightestBlocks, choose_block_size
-from gpf.rendering.sample_sets import LARGEST_LAUNCH
 
 SIZE = WIDTH, HEIGHT = 7, 5
 
@@ -148,9 +147,7 @@ def test_a_spike_of_any_height_leaves_the_rest_as_it_was():
 @pytest.mark.parametrize("launch", [1 << 20, 1000])
 def test_rare_samples_no_longer_dominate_the_error(launch, monkeypatch):
     """One in 30,000 is 30,000 times as bright as the rest: a pixel of 64 has 1, or 500."""
-    monkeypatch.setattr(
-        "gpf.rendering.sample_sets.LARGEST_LAUNCH", dict.fromkeys(LARGEST_LAUNCH, launch)
-    )
+    monkeypatch.setattr("gpf.rendering.sample_sets.largest_launch", lambda: launch)
 
     def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
         rare = sampler.next_1d() < 1 / 30_000

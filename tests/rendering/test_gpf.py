@@ -180,7 +180,7 @@ def test_recorded_frames_are_those_of_a_new_integrator():
     dim.update(dim.gaussians)
 
     def check(seed: int, sensor=narrow, spp: int = 4) -> np.ndarray:
-        new = mi.load_dict({"type": "gpf"})
+        new = mi.load_dict({"type": "gpf", "record": True})
         new.field = kept.field
         options = {"sensor": sensor, "seed": seed, "spp": spp}
         image = np.array(mi.render(scene, integrator=kept, **options))
