@@ -87,6 +87,7 @@ _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "irradiance": (("N", 3), "f4", "f2"),
     "normals": (("N", 3), "f4", "i1"),
     "error": (("N",), "f4", "f2"),
+    "caustics": (("N", 3), "f4", "f2"),
     "limits": (("N", 3, 3), "f4", "i1"),
     "limit_distances": (("N", 3), "f4", "f2"),
     "lights": (("G", "N", 3), "f4", "f2"),

@@ -11,6 +11,7 @@ lights        as irradiance                                               0.05%,
 moments       as irradiance                                               0.05%, over 8 orders
 normals       as quats                                                    half a degree
 error         float16                                                     0.05%
+caustics      float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
@@ -120,6 +121,7 @@ _METHODS: Mapping[str, tuple[Any, Any]] = {
     "moments": _light,
     "light_moments": _light,
     "error": _rounded,
+    "caustics": _rounded,
     "limits": _directions,
     "limit_distances": _rounded,
 }

@@ -113,6 +113,8 @@ class GaussianPhotonField(Recordable):
         (:mod:`gpf.training.field_error`); None if unknown.
     limits: the planes at which the Gaussians end, (N, 3, 4), in the space of their centres
         (:mod:`gpf.field.limits`); None if nothing is near the surfaces.
+    caustics: the part of the irradiance that rays from the surface to lamps and other diffuse
+        surfaces do not bring, between 0 and 1, (N, 3); None if unknown.
 
     Attributes
     ----------
@@ -120,7 +122,7 @@ class GaussianPhotonField(Recordable):
     vectors: several for each Gaussian, blended like the colours, (N, K, 4); None: no vectors.
     """
 
-    READ = ("detail", "search", "volume", "_packets", "_error_packets", "_vectors")
+    READ = ("detail", "search", "volume", "_packets", "_parts", "_vectors")
 
     def __init__(
         self,
@@ -132,6 +134,7 @@ class GaussianPhotonField(Recordable):
         lights: FieldLights | None = None,
         error: np.ndarray | None = None,
         limits: np.ndarray | None = None,
+        caustics: np.ndarray | None = None,
     ) -> None:
         self.settings = settings
         self.volume: Any = None
@@ -141,11 +144,17 @@ class GaussianPhotonField(Recordable):
         self.bounds = bounds
         self.detail = detail
         self.record = dict(record or {})
-        self.update(gaussians, error)
+        self.update(gaussians, error, caustics)
 
-    def update(self, gaussians: Gaussians, error: np.ndarray | None = None) -> None:
-        """Take new Gaussians, and their expected errors, and rebuild the neighbour search."""
-        self.gaussians, self.error = gaussians, error
+    def update(
+        self,
+        gaussians: Gaussians,
+        error: np.ndarray | None = None,
+        caustics: np.ndarray | None = None,
+    ) -> None:
+        """Take new Gaussians, their expected errors and the part of them that is caustics, and
+        rebuild the neighbour search."""
+        self.gaussians, self.error, self.caustics = gaussians, error, caustics
         bounds = self.bounds if self.detail is None else self.detail.bounds
         self.search = NeighbourSearch(gaussians, self.settings, bounds, self.limits)
         self._pack()
@@ -167,19 +176,28 @@ class GaussianPhotonField(Recordable):
             return [dr.ravel(mi.Vector4f(row.x, row.y, row.z, value)) for row, value in pairs]
 
         self._packets = packets(gaussians.irradiance)
-        self._error_packets: list[Any] | None = None
+        self._parts: dict[str, list[Any]] = {}
         if self.error is not None:
-            self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))
+            errors = gaussians.irradiance * from_numpy(mi.Float, self.error)
+            self._parts["error"] = packets(errors)
+        if self.caustics is not None:
+            caustics = gaussians.irradiance * from_numpy(mi.Color3f, self.caustics)
+            self._parts["caustics"] = packets(caustics)
         self._vectors: list[Any] = []
         for k in range(0 if self.vectors is None else self.vectors.shape[1]):
             assert self.vectors is not None
             vector = from_numpy(mi.Vector4f, self.vectors[:, k])
             self._vectors.append(dr.ravel(dr.gather(mi.Vector4f, vector, order)))
-        dr.eval(self._packets, self._error_packets, self._vectors)
+        dr.eval(self._packets, self._parts, self._vectors)
 
     def set_vectors(self, vectors: np.ndarray) -> None:
         """Take vectors that are blended like the colours, (N, K, 4)."""
         self.vectors = vectors
+        self._pack()
+
+    def set_caustics(self, caustics: np.ndarray) -> None:
+        """Take the part of the Gaussians' irradiance that is caustics, (N, 3)."""
+        self.caustics = caustics
         self._pack()
 
     def set_error(self, error: np.ndarray) -> None:
@@ -272,18 +290,19 @@ class GaussianPhotonField(Recordable):
             sums = divide_all(sums, total)
         return keep_where(known, sums), dr.select(known, reach, dr.inf)
 
-    def query_error(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Color3f:
-        """The expected error of the stored quantity at surface points, in its unit, (N, 3).
+    def part(self, name: str) -> GaussianPhotonField:
+        """A field with the same Gaussians, whose quantity is the expected ``error`` of this one, or
+        the part of it that is ``caustics``, in its unit.
 
         Raises
         ------
-        RuntimeError: the field does not know its error.
+        RuntimeError: the field does not know its error, or which part that is.
         """
-        if self._error_packets is None:
-            raise RuntimeError("This field does not know its error: fit it again with `gpf fit`.")
+        if name not in self._parts:
+            raise RuntimeError(f"This field does not know its {name}: fit it again with `gpf fit`.")
         other = copy.copy(self)
-        other._packets, other._vectors = self._error_packets, []
-        return other.query(x, n, active)[0]
+        other._packets, other._vectors = self._parts[name], []
+        return other
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""

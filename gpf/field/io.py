@@ -118,6 +118,8 @@ def _stored(field: GaussianPhotonField) -> StoredField:
         lights = dataclasses.asdict(field.lights.groups)
     if field.error is not None:
         tensors["error"] = field.error
+    if field.caustics is not None:
+        tensors["caustics"] = field.caustics
     if field.limits is not None:
         ends = limits.fold(field.limits, to_numpy(g.means), detail)
         tensors["limits"] = ends[:, :, :3]
@@ -168,6 +170,7 @@ def _restored(stored: StoredField) -> GaussianPhotonField:
         lights,
         stored.tensors.get("error"),
         ends,
+        stored.tensors.get("caustics"),
     )
 
 

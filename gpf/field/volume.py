@@ -67,7 +67,7 @@ class VolumeField(Recordable):
     def error(self, haze: Haze) -> mi.Color3f:
         """The expected error of :meth:`scattered`, W/(m² sr), (N, 3)."""
         n = mi.Normal3f(0, 0, 1)
-        return self.fluence.query_error(haze.p, n, haze.valid) * self._scatter(haze)[1]
+        return self.fluence.part("error").query(haze.p, n, haze.valid)[0] * self._scatter(haze)[1]
 
     def _scatter(self, haze: Haze) -> tuple[mi.Color3f, mi.Color3f]:
         """Fluence, and the part of it that is scattered towards the camera, 1/sr, (N, 3) each."""

@@ -95,7 +95,7 @@ class CameraSamples:
     def ask_error(self, field: GaussianPhotonField) -> np.ndarray:
         """The errors that a field expects of :meth:`ask`, (M, 3)."""
         at = self._points.points
-        value = field.query_error(at.p, at.n, self._every)
+        value, _ = field.part("error").query(at.p, at.n, self._every)
         return self._both(value, field.volume and field.volume.error)
 
     def _both(

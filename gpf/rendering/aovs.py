@@ -157,7 +157,8 @@ def at_visible_point(
     if "error" in aovs:
         radiance = dr.sum(field.reflect(points, irradiance)) / 3
         dark = field.reflect(points, mi.Color3f(0))
-        wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
+        error, _ = field.part("error").query(points.p, points.n, points.valid)
+        wrong = field.reflect(points, error) - dark
         error = dr.sum(wrong) / 3
         if field.volume is not None:
             error = dr.sqrt(dr.square(error) + dr.square(dr.sum(unsure) / 3))

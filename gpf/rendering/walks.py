@@ -14,7 +14,8 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.haze import lit_by
-from gpf.camera.visible_points import follow
+from gpf.camera.gathering import light_at
+from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
 from gpf.field.shared_query import NEAR, answer, in_order, query_shared
@@ -204,10 +205,28 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = GroupedWalks(self, self.recorded, NEAR_IN_REFLECTIONS)
+        alone = type(self)(self, self.recorded, NEAR_IN_REFLECTIONS)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
         return {key: answer(value, index, back) for key, value in found.items()}
+
+
+class GatheredWalks(GroupedWalks):
+    """Walks at whose ends light is gathered (:mod:`gpf.camera.gathering`); only caustics are the
+    field's."""
+
+    def _walk(
+        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
+    ) -> tuple[dict[str, Any], Way]:
+        depths, side = (self.max_depth, self.rr_depth), back if self.divides else None
+        points, way, _, arrival = walk(self.scene, sampler, ray, *depths, active, None, side)
+        sampler.schedule_state()
+        dr.eval(points, way, arrival)
+        found = light_at(self.scene, self.field, sampler, arrival.ray, points.valid)
+        points.emission += dr.select(points.valid, points.throughput * found, 0)
+        caustics = self.field.part("caustics")
+        value, reach = query_shared(caustics, points.p, points.n, points.valid, self.near)
+        return self._shown(points, value, reach, way, mi.Color3f(0), sampler), way
 
 
 def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:

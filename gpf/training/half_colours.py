@@ -46,6 +46,7 @@ class HalfColours:
     matrix: the weights W of the Gaussians at these points, (P, N).
     targets: targets of the halves, (2, P, 3).
     halves: colours fitted to these targets, (2, N, 3).
+    caustics: colours fitted to the caustics, (N, 3), or None.
     unit: the mean target, W/m².
     """
 
@@ -53,13 +54,23 @@ class HalfColours:
     matrix: csr_array
     targets: np.ndarray
     halves: np.ndarray
+    caustics: np.ndarray | None
     unit: float
 
     @classmethod
     def fit(
-        cls, field: GaussianPhotonField, halves: tuple[SurfacePoints, SurfacePoints]
+        cls,
+        field: GaussianPhotonField,
+        halves: tuple[SurfacePoints, SurfacePoints],
+        caustics: np.ndarray | None = None,
     ) -> HalfColours:
-        """Fit a field's colours; ``halves``: supervised points, with the targets of each half."""
+        """Fit a field's colours.
+
+        Parameters
+        ----------
+        halves: supervised points, (P), with the targets of each half.
+        caustics: the part of the targets that is caustics, (P, 3), if known.
+        """
         gaussians = dr.width(field.gaussians.means)
         stride = max(1, dr.width(halves[0].p) // (POINTS * gaussians))
         targets = np.stack([to_numpy(half.target)[::stride] for half in halves])
@@ -69,7 +80,17 @@ class HalfColours:
         level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1) / unit
         weight = relative_weight(np.maximum(level, 0))
         targets /= unit
-        return cls(stride, matrix, targets, fit_colours(matrix, weight, targets, STEPS), unit)
+        each = targets if caustics is None else [*targets, caustics[::stride] / unit]
+        fitted = fit_colours(matrix, weight, np.stack(each).astype(np.float32), STEPS)
+        further = None if caustics is None else fitted[2]
+        return cls(stride, matrix, targets, fitted[:2], further, unit)
+
+    def share_of_caustics(self, field: GaussianPhotonField) -> np.ndarray:
+        """The part of a field's colours that is caustics, (N, 3) float32."""
+        assert self.caustics is not None
+        whole = to_numpy(field.gaussians.irradiance) / self.unit
+        share: np.ndarray = np.clip(self.caustics / np.maximum(whole, _TINY), 0, 1)
+        return share
 
     def spread(self, values: np.ndarray, rounds: int) -> np.ndarray:
         """Means of the Gaussians' values, (N, K), over their neighbours, (N, K): more rounds reach

@@ -86,6 +86,9 @@ class PhotonStream:
     Attributes
     ----------
     gathered: the light of diffuse surfaces if it is gathered (:meth:`light_by`), or None.
+    caustics: irradiance of the points of the last call of :meth:`halves` by photons that have met
+        something specular since they left a lamp or a diffuse surface, (N, 3); None before light is
+        gathered, or if photons also bring direct light.
     blur: squared error that the width of the kernels adds to the targets of the last call of
         :meth:`halves` (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
@@ -113,10 +116,12 @@ class PhotonStream:
         self._points = FixedPoints(scene, concatenate(valid))
         self.photons = PhotonLight(self._points, settings, seed, source, groups, volume)
         self._direct = DirectLight(self._points, sampled, sign, seed)
+        self._by_photons = sign < 0
         self.gathered: GatheredLight | None = None
         self._rows = slice(None)
         self._kernel = np.zeros(len(self._source), np.uint8)
         self.blur = np.zeros(len(self._source), np.float32)
+        self.caustics: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -240,6 +245,9 @@ class PhotonStream:
         self._kernel[self._rows] = kernel
         self.blur = np.where(coarse, 0, kernel_blur(kernel, gathered))
         light, found = pick(kernel, gathered), []
+        if self.gathered and not self._by_photons:
+            share = self.count // 2 / self.count
+            self.caustics = share * light[0] + (1 - share) * light[1]
         for half in range(2):
             direct = self._direct.mean(half)[self._rows]
             diffuse = self.gathered.mean(half)[self._rows] if self.gathered else np.float32(0)
