@@ -57,6 +57,7 @@ def gathered_radiance(
     resolved = dr.opaque(mi.Float, _resolved(field))
     sees_lamps, density = density is not None, mi.Float(0) if density is None else density
     ends = _follow(scene, field, sampler, ray, active, density, resolved, sees_lamps)
+    sampler.schedule_state()
     dr.eval(ends)
     arriving, _ = query_shared(field, ends.p, ends.n, ends.valid, SHARED)
     return ends.radiance(dr.maximum(arriving, 0))
@@ -162,20 +163,17 @@ def _resolved(field: GaussianPhotonField) -> float:
 def light_at(
     scene: mi.Scene, field: GaussianPhotonField, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> mi.Color3f:
-    """Radiance of the diffuse component of the surfaces that rays meet, by light straight from lamps
-    and from other diffuse surfaces, W/(m² sr), (N, 3): samples of the emitters and one gather ray
-    share the former by the balance heuristic."""
+    """Radiance of the diffuse component of the surfaces that rays meet, by light straight from the
+    lamps and from other diffuse surfaces, W/(m² sr), (N, 3): a sample of the emitters and one
+    gather ray share the former by the balance heuristic."""
     direct, onward, weight, density = _leave(scene, sampler, ray, active)
     sampler.schedule_state()
     dr.eval(direct, onward, weight, density)
     found = gathered_radiance(scene, field, sampler, onward, dr.any(weight > 0), density)
-    sampler.schedule_state()
     return direct + weight * found
 
 
-def _leave(
-    scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
-) -> tuple[Any, ...]:
+def _leave(scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> tuple[Any, ...]:
     """The light of a sample of the emitters, (N, 3); a ray from the surface, its weight, (N, 3),
     and the density of its direction, (N,)."""
     si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)

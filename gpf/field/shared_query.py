@@ -12,6 +12,8 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.morton import order_lanes_in_space
+from gpf.core.structs import concatenate
+from gpf.core.surface_tags import pack_tag, unpack_normal
 from gpf.field.field import GaussianPhotonField
 
 NEAR = 0.05
@@ -21,9 +23,10 @@ the point nearest to the middle of a cell of this size."""
 SAME_SIDE = 0.95
 """Smallest cosine between the normals of points that share an answer."""
 
-# Cells share this many slots; a point whose slot another cell has taken gets a second one, in a
-# grid shifted by half a cell. Whoever is unlucky twice has an answer of its own.
-_SLOTS = 1 << 20
+# Number of cells: the places of a hash table. A point whose place another one has taken that is not
+# close gets a second one, in a grid shifted by half a cell. Whoever is unlucky twice has an answer
+# of its own.
+_CELLS = 1 << 18
 
 
 def query_shared(
@@ -38,18 +41,23 @@ def query_shared(
     near: how close points are that share an answer, in search radii; 0: none do.
     """
     lanes = dr.arange(mi.UInt32, dr.width(asks))
-    leader = _leaders(field, p, n, asks, near) if near > 0 else lanes
-    asking = dr.compress(asks & (leader == lanes))
+    own, cell, leader = asks, mi.UInt32(0), lanes
+    if near > 0:
+        own, cell, leader = _shared_cells(field, p, n, asks, near)
+    asking = dr.compress(own | (asks & (dr.gather(mi.UInt32, leader, cell, asks) == lanes)))
     if dr.width(asking) == 0:
         return mi.Color3f(0), mi.Float(dr.inf)
     asking = in_order(field, p, n, asking)
-    own = dr.gather(mi.Point3f, p, asking), dr.gather(mi.Normal3f, n, asking)
-    value, reach = field.query(*own, mi.Bool(True))
+    at = dr.gather(mi.Point3f, p, asking), dr.gather(mi.Normal3f, n, asking)
+    value, reach = field.query(*at, mi.Bool(True))
+    answers = dr.ravel(mi.Vector4f(*value, reach))
     place = dr.zeros(mi.UInt32, dr.width(asks))
     dr.scatter(place, dr.arange(mi.UInt32, dr.width(asking)), asking)
-    dr.eval(value, reach, place)
-    index = dr.gather(mi.UInt32, place, leader, asks)
-    return answer(value, index, asks), dr.select(asks, answer(reach, index, asks), dr.inf)
+    of_cell = dr.gather(mi.UInt32, place, leader, leader < dr.width(asks))
+    dr.eval(answers, place, of_cell)
+    index = dr.select(own, place, dr.gather(mi.UInt32, of_cell, cell, asks & ~own))
+    found = dr.gather(mi.Vector4f, answers, index, asks)
+    return mi.Color3f(*found.xyz), dr.select(asks, found.w, dr.inf)
 
 
 def answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
@@ -72,32 +80,40 @@ def in_order(
     return dr.gather(mi.UInt32, lanes, order_lanes_in_space(x + radius * facing, radius / 8))
 
 
-def _leaders(
+def _shared_cells(
     field: GaussianPhotonField, p: mi.Point3f, n: mi.Normal3f, asks: mi.Bool, near: float
-) -> mi.UInt32:
-    """The lane whose answer each lane may use, (N,): in many cases, itself."""
-    cell = dr.opaque(mi.Float, near * field.settings.search_radius)
+) -> tuple[mi.Bool, mi.UInt32, mi.UInt32]:
+    """Which lanes need an answer of their own, (N,); the cells of the others, (N,); and the lane
+    that asks for each cell, (C,), or a larger number."""
+    width = dr.opaque(mi.Float, near * field.settings.search_radius)
     x, lanes = field.unfold(p), dr.arange(mi.UInt32, dr.width(asks))
     dr.eval(x)
-    leader, open_ = mi.UInt32(lanes), mi.Bool(asks)
-    for shift in (0, 0.5):
-        place = x / cell + shift
+    # A cell keeps the number of a lane below that lane's distance from its middle.
+    bits = dr.width(asks).bit_length()
+    lane_bits, steps = dr.opaque(mi.UInt32, bits), dr.opaque(mi.Float, float(1 << (32 - bits)))
+    own, chosen, leaders = mi.Bool(asks), dr.zeros(mi.UInt32, dr.width(asks)), []
+    for number, shift in enumerate((0, 0.5)):
+        place = x / width + shift
         corner = dr.floor(place)
-        slot = _hash(mi.Vector3i(corner), mi.Vector3i(dr.round(n))) % _SLOTS
-        # The nearest to the middle of the cell, and of equals the first.
-        away = dr.reinterpret_array(mi.UInt32, dr.squared_norm(place - corner - 0.5))
-        best = dr.full(mi.UInt64, (1 << 64) - 1, _SLOTS)
-        dr.scatter_reduce(
-            dr.ReduceOp.Min, best, (mi.UInt64(away) << 32) | mi.UInt64(lanes), slot, open_
-        )
-        dr.eval(best)
-        first = mi.UInt32(dr.gather(mi.UInt64, best, slot, open_) & 0xFFFFFFFF)
-        close = dr.squared_norm(x - dr.gather(mi.Point3f, x, first, open_)) < dr.square(cell)
-        close &= dr.dot(n, dr.gather(mi.Normal3f, n, first, open_)) > SAME_SIDE
-        leader = dr.select(open_ & close, first, leader)
-        open_ &= ~close
-        dr.eval(leader, open_)
-    return leader
+        cell = _hash(mi.Vector3i(corner), mi.Vector3i(dr.round(n))) % _CELLS
+        away = mi.UInt32(dr.squared_norm(place - corner - 0.5) * steps)
+        best = dr.full(mi.UInt32, 0xFFFFFFFF, _CELLS)
+        dr.scatter_reduce(dr.ReduceOp.Min, best, (away << lane_bits) | lanes, cell, own)
+        leader = best & ((mi.UInt32(1) << lane_bits) - 1)
+        taken = leader < dr.width(asks)
+        # They are read at random: all of a leader from one place in memory.
+        at = dr.gather(mi.Point3f, x, leader, taken)
+        facing = pack_tag(dr.gather(mi.Normal3f, n, leader, taken))
+        records = dr.ravel(mi.Vector4f(*at, facing))
+        dr.eval(leader, records)
+        there = dr.gather(mi.Vector4f, records, cell, own)
+        close = dr.squared_norm(x - there.xyz) < dr.square(width)
+        close &= dr.dot(n, unpack_normal(there.w)) > SAME_SIDE
+        chosen = dr.select(own & close, cell + number * _CELLS, chosen)
+        own &= ~close
+        dr.eval(chosen, own)
+        leaders.append(leader)
+    return own, chosen, concatenate(leaders)
 
 
 def _hash(cell: mi.Vector3i, facing: mi.Vector3i) -> mi.UInt32:

@@ -13,8 +13,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.haze import lit_by
 from gpf.camera.gathering import light_at
+from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
@@ -205,7 +205,7 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = type(self)(self, self.recorded, NEAR_IN_REFLECTIONS)
+        alone = GroupedWalks(self, self.recorded, NEAR_IN_REFLECTIONS)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
         return {key: answer(value, index, back) for key, value in found.items()}
@@ -213,7 +213,7 @@ class GroupedWalks(Walks):
 
 class GatheredWalks(GroupedWalks):
     """Walks at whose ends light is gathered (:mod:`gpf.camera.gathering`); only caustics are the
-    field's."""
+    field's, and what glass and lacquer reflect (:data:`NEAR_IN_REFLECTIONS`)."""
 
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
