@@ -205,14 +205,6 @@ def info(field: options.Field = None) -> None:
 
 
 @app.command()
-def lights(field: options.Field = None) -> None:
-    """List the groups of lights in a field."""
-    from gpf.commands.info import list_lights
-
-    list_lights(field)
-
-
-@app.command()
 def view(
     scene: options.Scene,
     field: options.ShownField = None,

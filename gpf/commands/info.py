@@ -1,4 +1,4 @@
-"""`gpf info` and `gpf lights`: what a field is, where it is from, how good it is, its groups."""
+"""`gpf info`: what a field is, where it is from, how good it is, its groups."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from gpf.commands.fit import describe_fit
 from gpf.commands.scenes import find_field, read_given
-from gpf.core.progress import say
 from gpf.field.io import StoredField
 
 
@@ -19,16 +18,6 @@ def print_info(name: str | None) -> None:
     file = find_field(name)
     for fact, text in _facts(file, read_given(file)):
         print(f"{fact:<9}{text}")
-
-
-def list_lights(name: str | None) -> None:
-    """Print each group of emitters and its share of the light in the field; a :class:`UserError` if
-    it cannot be read."""
-    file = find_field(name)
-    if not (shares := _shares(read_given(file))):
-        say(f"{file}: no groups. `gpf fit --groups auto` keeps the emitters' light apart.")
-    for group, share in shares:
-        print(f"{group}\t{share:.1%}")
 
 
 def _shares(stored: StoredField) -> list[tuple[str, float]]:
@@ -57,4 +46,7 @@ def _facts(file: Path, stored: StoredField) -> Iterator[tuple[str, str]]:
     lamps = "all emitters" if direct == "emitters" else f"{len(direct)} emitters"
     yield "light", "all" if direct == "field" else f"without the direct light of {lamps}"
     groups = [f"{group} {share:.1%}" for group, share in _shares(stored)]
-    yield "groups", ", ".join(groups) or "none"
+    yield (
+        "groups",
+        ", ".join(groups) or "none; `gpf fit --groups auto` keeps them apart",
+    )

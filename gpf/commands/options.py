@@ -213,6 +213,13 @@ Denoise = Annotated[
         help="Use Open Image Denoise where noise is visible. [default: if pyoidn is installed]",
     ),
 ]
+Gather = Annotated[
+    Literal["never", "always"],
+    Option(
+        help="always: gather light where the camera looks, by samples of the lamps and rays that "
+        "end in the field. Best in rooms without caustics, with --denoise."
+    ),
+]
 Film = Annotated[bool, Option("--mp4", help="Also write all pictures as a film.")]
 Executor = Annotated[
     Literal["local", "ray"],

@@ -31,6 +31,7 @@ class PictureOptions:
     aovs: options.Aovs = ""
     exposure: options.Exposure = None
     denoise: options.Denoise = None
+    gather: options.Gather = "never"
     film: options.Film = False
     seed: options.Seed = 0
     changed_scene: options.ChangedScene = False
@@ -80,7 +81,7 @@ class PictureOptions:
         return width, rows
 
     def render_settings(self) -> RenderSettings:
-        """The number of samples, and whether to denoise."""
+        """The number of samples, and whether to denoise and to gather."""
         from gpf.rendering.denoiser import PACKAGE, available
         from gpf.rendering.settings import RenderSettings
 
@@ -89,4 +90,5 @@ class PictureOptions:
             raise UserError(
                 "--denoise", "needs the package pyoidn", f"Run `pip install {PACKAGE}`."
             )
-        return RenderSettings(spp=self.spp or RenderSettings().spp, denoise=denoise)
+        spp = self.spp or RenderSettings().spp
+        return RenderSettings(spp=spp, denoise=denoise, gather=self.gather)

@@ -9,6 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.errors import UserError
 from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed
 from gpf.field.field import GaussianPhotonField
@@ -47,7 +48,18 @@ class FieldRenderer:
         settings: RenderSettings,
         aovs: Sequence[str] = (),
     ) -> FieldRenderer:
-        """Make the integrator for a field."""
+        """Make the integrator for a field.
+
+        Raises
+        ------
+        UserError: light is to be gathered, but the field does not know its caustics.
+        """
+        if settings.gather == "always" and field.caustics is None:
+            raise UserError(
+                "gather",
+                "is always, but the field does not know which part of its light is caustics",
+                "Fit it again with `gpf fit`. Where there are media, light cannot be gathered.",
+            )
         integrator = mi.load_dict(
             {
                 "type": "gpf",
@@ -55,6 +67,7 @@ class FieldRenderer:
                 "adaptive": settings.adaptive,
                 "suppress_fireflies": settings.suppress_fireflies,
                 "denoise": settings.denoise,
+                "gather": settings.gather,
                 "aovs": ",".join(aovs),
             }
         )

@@ -6,6 +6,9 @@ from typing import Literal
 
 from gpf.core.settings import Count, Seed, Settings
 
+Gather = Literal["never", "always"]
+"""Whether the light at visible points is gathered (:mod:`gpf.camera.gathering`)."""
+
 
 class RenderSettings(Settings):
     """How views are rendered from a field; see the parameters of the plugin ``gpf``."""
@@ -14,6 +17,7 @@ class RenderSettings(Settings):
     adaptive: bool = True
     suppress_fireflies: bool = True
     denoise: bool = False
+    gather: Gather = "never"
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

@@ -80,7 +80,7 @@ class HalfColours:
         level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1) / unit
         weight = relative_weight(np.maximum(level, 0))
         targets /= unit
-        each = targets if caustics is None else [*targets, caustics[::stride] / unit]
+        each = [*targets] if caustics is None else [*targets, caustics[::stride] / unit]
         fitted = fit_colours(matrix, weight, np.stack(each).astype(np.float32), STEPS)
         further = None if caustics is None else fitted[2]
         return cls(stride, matrix, targets, fitted[:2], further, unit)

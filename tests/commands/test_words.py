@@ -18,7 +18,7 @@ from gpf.scene.load import load_scene_file
 from tests.commands.box import SOURCE
 
 OF_SCENES = ("fit", "render", "view", "bake", "mitsuba")
-OF_FIELDS = ("export", "lights", "info")
+OF_FIELDS = ("export", "info")
 
 
 @pytest.fixture

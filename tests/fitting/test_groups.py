@@ -179,9 +179,9 @@ def test_from_the_command_line(tmp_path, monkeypatch, capsys):
         run("fit", "scene.xml", "--passes", "8", "--groups", "auto", "--views", "views.yaml") == 0
     )
     capsys.readouterr()
-    assert run("lights", "field.safetensors") == 0
+    assert run("info", "field.safetensors") == 0
     listed = capsys.readouterr().out
-    assert "bulb\t" in listed and "panel\t" in listed
+    assert "bulb " in listed and "panel " in listed
     assert load_field(Path("field.safetensors")).lights.groups.names == ("bulb", "panel")
     images = []
     for lights in ("", "panel=0", "panel=0,bulb=0.5"):

@@ -33,6 +33,7 @@ VALUES = {
     "--orbit": f"2 0 -1 x 1000000000 {'9' * 40}",
     "--size": "5x4 4 0x0 x 5x4x3 -4 1e3 99999x9 16384x16384",
     "--aovs": "depth depth,depth error,coverage , x Depth",
+    "--gather": "never always x",
     "--lights": "lamp=0.5 lamp=nan lamp = sky=1,#ffd0a0 #zz sky=1e400",
     "--groups": f"auto {FILES}",
     "--host": f"127.0.0.1 localhost x 999.9.9.9 1.2.3.4 ::1 {'a' * 300}",
@@ -45,14 +46,13 @@ VALUES = {
 COMMANDS = {
     "render scene.xml --size 5x4 --spp 1": "--field --view --views --frames --orbit --output --size"
     " --spp --seconds --aovs --exposure --no-denoise --mp4 --seed --changed-scene --executor"
-    " --cluster --lights",
+    " --cluster --lights --gather",
     "fit scene.xml --passes 2": "--output --seconds --target-psnr --views --seed --continue"
     " --groups",
     "view scene.xml --no-open --field field.safetensors": "--output --views --host --port --groups"
     " --changed-scene",
     "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
     "export field.safetensors": "--ply --compact --exposure",
-    "lights field.safetensors": "",
     "info": "FIELD",
     "bake scene.xml --size 128 --spp 1": "--field --output --size --texels-per-unit"
     " --vertex-colours --spp --exposure --seed --changed-scene",

@@ -22,7 +22,6 @@ COMMANDS = (
     *(RENDER, f"{RENDER} --lights lamp=0.5", f"{RENDER} --aovs error,irradiance"),
     "export field.safetensors --ply out.ply",
     "export field.safetensors --compact out.safetensors",
-    "lights field.safetensors",
     "info field.safetensors",
     "view scene.xml --field field.safetensors --no-open --changed-scene",
 )
