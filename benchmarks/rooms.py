@@ -25,7 +25,7 @@ from benchmarks.pictures import side_by_side, stacked
 from benchmarks.truth import Truth, decibels, keep, path_halves, radiance_pairs, sppm, sppm_images
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
-from gpf.rendering.settings import RenderSettings
+from gpf.rendering.settings import Gather, RenderSettings
 from gpf.rendering.timed_sampling import time_of
 from gpf.scene.media import Media
 from gpf.scene.snapshot import snapshot_scene
@@ -80,6 +80,7 @@ def rooms(
         float | None,
         typer.Option(help="Also Cycles and LuxCore, at the same time and with so many s a view."),
     ] = None,
+    gather: Annotated[Gather, typer.Option(help="As for `gpf render`.")] = "never",
     kept: cli.Kept = Path("results/rooms"),
 ) -> None:
     """Field, `path` with a denoiser, and SPPM, with the same time for all views together.
@@ -95,7 +96,8 @@ def rooms(
     """
     for scene in scenes:
         room = open_room(scene, rows, views, judged, samples, kept)
-        compare(room, {"passes": passes} if passes else {"seconds": seconds}, renderers)
+        settings = RenderSettings(denoise=True, gather=gather)
+        compare(room, {"passes": passes} if passes else {"seconds": seconds}, settings, renderers)
 
 
 def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept: Path) -> Room:
@@ -125,7 +127,9 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
     return Room(measured, file, views, chosen, rows, truth, kept)
 
 
-def compare(room: Room, goal: dict[str, Any], renderers: float | None = None) -> None:
+def compare(
+    room: Room, goal: dict[str, Any], settings: RenderSettings, renderers: float | None = None
+) -> None:
     """Print the table of one room."""
     name, truth = room.measured.name, room.truth
     table = Table("method", "total s", "PSNR", "FLIP", "energy", title=name)
@@ -143,7 +147,6 @@ def compare(room: Room, goal: dict[str, Any], renderers: float | None = None) ->
     own = room.measured.views
     field = room.measured.fit(own.train if own else None, **goal)
     fitted = time.perf_counter()
-    settings = RenderSettings(denoise=True)
     images = room.measured.render(field, room.views, room.rows, settings)
     total = time.perf_counter() - start
     view = total / len(room.views)

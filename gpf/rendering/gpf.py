@@ -249,6 +249,8 @@ class GPF(DifferentiableField):
         first = image.shape[2] - len(channel_names(names))
         layers = split_layers(np.concatenate([image[..., :3], image[..., first:]], axis=2), names)
         guides = layers[GUIDES[0]], layers[GUIDES[1]]
+        if self.gather == "always":
+            variance = None  # so few of the samples are bright that it is often underestimated
         clean = denoise(layers["radiance"], guides, variance, self._denoiser)
         end = first + len(channel_names(self.aovs))
         return np.concatenate([clean, image[..., 3:end]], axis=2)
