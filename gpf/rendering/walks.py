@@ -23,7 +23,7 @@ from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 from gpf.sppm.fixed_points import FixedPoints
 
-NEAR_IN_REFLECTIONS = 0.2
+NEAR_IN_REFLECTIONS = 0.1
 """What is seen in glass or lacquer is faint, or blurred: there, points may share an answer that are
 so many search radii apart."""
 
