@@ -7,7 +7,7 @@ from typing import Literal
 from gpf.core.settings import Count, Seed, Settings
 
 Gather = Literal["never", "always"]
-"""Whether the light at visible points is gathered (:mod:`gpf.camera.gathering`)."""
+"""Whether the light at visible points is gathered (:mod:`gpf.field.gathering`)."""
 
 
 class RenderSettings(Settings):

@@ -13,11 +13,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.gathering import light_at
 from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
+from gpf.field.gathering import light_at
 from gpf.field.shared_query import NEAR, answer, in_order, query_shared
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
@@ -212,7 +212,7 @@ class GroupedWalks(Walks):
 
 
 class GatheredWalks(GroupedWalks):
-    """Walks at whose ends light is gathered (:mod:`gpf.camera.gathering`); only caustics are the
+    """Walks at whose ends light is gathered (:mod:`gpf.field.gathering`); only caustics are the
     field's, and what glass and lacquer reflect (:data:`NEAR_IN_REFLECTIONS`)."""
 
     def _walk(

@@ -12,9 +12,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.camera.gathering import gathered_radiance
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.field.field import GaussianPhotonField
+from gpf.field.gathering import gathered_radiance
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.sampled_light import SampledLight
 
@@ -63,7 +63,7 @@ def gather(
         E = π / cos θ · L · |cos θ| g(ω),
 
     with directions distributed in proportion to cos θ, and L the radiance that the surface sends
-    which the ray meets (:func:`gpf.camera.gathering.gathered_radiance`).
+    which the ray meets (:func:`gpf.field.gathering.gathered_radiance`).
 
     Parameters
     ----------

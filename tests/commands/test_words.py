@@ -102,7 +102,7 @@ def test_what_a_field_is(box, capsys):
         "quality  36 passes, estimated PSNR 41.3 dB (after 9: 30.0 dB)",
         "error    2.0% of the light, at half of the Gaussians less",
         "light    all",
-        "groups   none",
+        "groups   none; `gpf fit --groups auto` keeps them apart",
     ]
 
 

@@ -5,10 +5,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.camera.gathering import _sample_diffuse
 from gpf.core.errors import UserError
 from gpf.core.structs import to_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.field.gathering import _sample_diffuse
 from gpf.field.settings import FieldSettings
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
