@@ -16,17 +16,18 @@ from gpf.camera.next_event import balance, direct_light, share_of_bsdf
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
-from gpf.field.shared_query import query_shared
+from gpf.field.shared_query import NEAR, query_shared
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context, diffuse_reflectance, has_diffuse
 
-NEAR = 0.25
+RESOLVED = 0.25
 """Below this distance, in cells of the field's levels, a ray does not end in the field but goes on
 as a path. In a centimetre-wide gap between a cupboard and a wall, the field would give the light of
 the wall beside it."""
 
-SHARED = 0.25
-"""Ends of rays share an answer of the field if they are at most so many search radii apart."""
+NEAR_FOR_PICTURES = 0.25
+"""In a picture, ends of rays share an answer of the field if they are at most so many search radii
+apart: their errors average out over its pixels."""
 
 # Most surfaces that a ray meets: near ones, and those that it goes straight through.
 _MOST_SURFACES = 8
@@ -39,27 +40,29 @@ def gathered_radiance(
     ray: mi.Ray3f,
     active: mi.Bool,
     density: mi.Float | None = None,
+    near: float = NEAR,
 ) -> mi.Color3f:
     """Radiance that diffuse surfaces send against rays, W/(m² sr), (N, 3).
 
         L = ρ E_f / π
 
     at the surface that a ray meets; E_f is the irradiance there: the field's answer, with samples
-    of the lamps that the field does not store. If it is nearer than :data:`NEAR`, L is that of a
-    path: samples of all emitters, and a further ray.
+    of the lamps that the field does not store. If it is nearer than :data:`RESOLVED`, L is that of
+    a path: samples of all emitters, and a further ray.
 
     Parameters
     ----------
     density: of the directions of the rays, 1/sr, (N,), to add the light of emitters that they meet,
         for its share in a mean with samples of them (:mod:`gpf.camera.next_event`); None: leave it
         out.
+    near: how close ends of rays are that share an answer of the field, in search radii.
     """
     resolved = dr.opaque(mi.Float, _resolved(field))
     sees_lamps, density = density is not None, mi.Float(0) if density is None else density
     ends = _follow(scene, field, sampler, ray, active, density, resolved, sees_lamps)
     sampler.schedule_state()
     dr.eval(ends)
-    arriving, _ = query_shared(field, ends.p, ends.n, ends.valid, SHARED)
+    arriving, _ = query_shared(field, ends.p, ends.n, ends.valid, near)
     return ends.radiance(dr.maximum(arriving, 0))
 
 
@@ -155,9 +158,9 @@ def _density(wo: mi.Vector3f) -> mi.Float:
 
 
 def _resolved(field: GaussianPhotonField) -> float:
-    """:data:`NEAR` in world units; if the field has no levels, it counts search radii."""
+    """:data:`RESOLVED` in world units; if the field has no levels, it counts search radii."""
     detail = field.detail
-    return NEAR * (field.settings.search_radius if detail is None else detail.width)
+    return RESOLVED * (field.settings.search_radius if detail is None else detail.width)
 
 
 def light_at(
@@ -169,7 +172,9 @@ def light_at(
     direct, onward, weight, density = _leave(scene, sampler, ray, active)
     sampler.schedule_state()
     dr.eval(direct, onward, weight, density)
-    found = gathered_radiance(scene, field, sampler, onward, dr.any(weight > 0), density)
+    found = gathered_radiance(
+        scene, field, sampler, onward, dr.any(weight > 0), density, NEAR_FOR_PICTURES
+    )
     return direct + weight * found
 
 

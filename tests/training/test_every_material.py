@@ -139,7 +139,7 @@ def test_a_material_keeps_the_light(kind):
     stream.light_by(draft)
     stream.gathered.add(4)
     field, gathered = fit()
-    renderer = FieldRenderer.make(scene, field, RenderSettings(spp=64))
+    renderer = FieldRenderer.make(scene, field, RenderSettings(spp=1024))
     shown = renderer.render(views_of_sensors(scene)[0], (24, 18), seed=2)["radiance"]
     ratios = image.mean() / truth.mean(), shown.mean() / truth.mean(), gathered / indirect
     print(f"\n| {kind} | {ratios[0]:.3f} | {ratios[1]:.3f} | {ratios[2]:.3f} |", end=" ")
