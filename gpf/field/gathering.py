@@ -16,7 +16,7 @@ from gpf.camera.next_event import balance, direct_light, share_of_bsdf
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
-from gpf.field.shared_query import NEAR, query_shared
+from gpf.field.shared_query import query_shared
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context, diffuse_reflectance, has_diffuse
 
@@ -40,7 +40,7 @@ def gathered_radiance(
     ray: mi.Ray3f,
     active: mi.Bool,
     density: mi.Float | None = None,
-    near: float = NEAR,
+    near: float = 0,
 ) -> mi.Color3f:
     """Radiance that diffuse surfaces send against rays, W/(m² sr), (N, 3).
 
@@ -55,7 +55,7 @@ def gathered_radiance(
     density: of the directions of the rays, 1/sr, (N,), to add the light of emitters that they meet,
         for its share in a mean with samples of them (:mod:`gpf.camera.next_event`); None: leave it
         out.
-    near: how close ends of rays are that share an answer of the field, in search radii.
+    near: how close ends of rays are that share an answer of the field, in search radii; 0: none do.
     """
     resolved = dr.opaque(mi.Float, _resolved(field))
     sees_lamps, density = density is not None, mi.Float(0) if density is None else density
