@@ -107,10 +107,10 @@ def test_recorded_frames_are_the_same(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="at the limit of .02: .978, .980, .981 of the light", strict=False)
 def test_fog_without_walls(monkeypatch):
-    """Photons and what cameras see reach far beyond all surfaces."""
-    make_small(monkeypatch, passes=24, steps=48, paths=40_000)
+    """Photons and what cameras see reach far beyond all surfaces. After 24 passes, .980 of the light
+    is there, after 48 .986."""
+    make_small(monkeypatch, passes=48, steps=96, paths=40_000)
     fog = {"type": "ref", "id": "fog"}
     scene = {"type": "scene", "fog": medium(0.5, g=0.3) | {"id": "fog"}} | fog_box(medium(1))
     del scene["box"]
@@ -118,7 +118,7 @@ def test_fog_without_walls(monkeypatch):
     scene["lamp"] |= {"exterior": fog}
     scene["floor"] |= {"exterior": fog}
     loaded = mi.load_dict(scene, optimize=False)
-    field = fit(loaded, 24)
+    field = fit(loaded, 48)
     found = image(loaded, field)["radiance"]
     truth = render(scene, {"type": "volpathmis", "max_depth": 100, "rr_depth": 20}, 512, 4)
     ratio = found.mean((0, 1)) / truth.mean((0, 1, 2))
