@@ -6,8 +6,6 @@ and face the same way are queried together, and no lane of a packet is idle.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -58,13 +56,6 @@ def query_shared(
     index = dr.select(own, place, dr.gather(mi.UInt32, of_cell, cell, asks & ~own))
     found = dr.gather(mi.Vector4f, answers, index, asks)
     return mi.Color3f(*found.xyz), dr.select(asks, found.w, dr.inf)
-
-
-def answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
-    """The answers of lanes, zero where not active; a value with one lane is the same for all."""
-    if dr.width(values) == 1:
-        return dr.select(active, values, dr.zeros(type(values)))
-    return dr.gather(type(values), values, index, active)
 
 
 def in_order(

@@ -14,7 +14,6 @@ from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_ray
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
-from gpf.field.shared_query import NEAR
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
 from gpf.rendering.aovs import (
     at_first_surface,
@@ -283,9 +282,7 @@ class GPF(DifferentiableField):
     def _sharing_walks(self, scene: mi.Scene) -> GroupedWalks:
         """The walks of many samples."""
         kind = GatheredWalks if self.gather == "always" else GroupedWalks
-        walks = self._walks(scene)
-        # Between fog and a surface, light changes fast.
-        return kind(walks, self._known.walks, NEAR if walks.field.volume is None else 0)
+        return kind(self._walks(scene), self._known.walks)
 
     @loops_traced_once
     def _look(

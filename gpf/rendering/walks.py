@@ -18,7 +18,7 @@ from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gathering import light_at
-from gpf.field.shared_query import NEAR, answer, in_order, query_shared
+from gpf.field.shared_query import NEAR, in_order, query_shared
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 from gpf.sppm.fixed_points import FixedPoints
@@ -208,7 +208,7 @@ class GroupedWalks(Walks):
         alone = GroupedWalks(self, self.recorded, NEAR_IN_REFLECTIONS)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
-        return {key: answer(value, index, back) for key, value in found.items()}
+        return {key: _answer(value, index, back) for key, value in found.items()}
 
 
 class GatheredWalks(GroupedWalks):
@@ -234,3 +234,10 @@ def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
     place = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(asks, mi.UInt32(1), 0), exclusive=True)
     dr.eval(asks, place)
     return dr.compress(asks), place
+
+
+def _answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
+    """The answers of lanes, zero where not active; a value with one lane is the same for all."""
+    if dr.width(values) == 1:
+        return dr.select(active, values, dr.zeros(type(values)))
+    return dr.gather(type(values), values, index, active)

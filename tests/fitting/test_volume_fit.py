@@ -108,8 +108,8 @@ def test_recorded_frames_are_the_same(monkeypatch):
 
 @pytest.mark.slow
 def test_fog_without_walls(monkeypatch):
-    """Photons and what cameras see reach far beyond all surfaces. After 24 passes, .980 of the light
-    is there, after 48 .986."""
+    """Photons and what cameras see reach far beyond all surfaces. After 24 passes, .980 of the
+    light is there, after 48 .986."""
     make_small(monkeypatch, passes=48, steps=96, paths=40_000)
     fog = {"type": "ref", "id": "fog"}
     scene = {"type": "scene", "fog": medium(0.5, g=0.3) | {"id": "fog"}} | fog_box(medium(1))
