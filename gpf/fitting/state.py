@@ -151,7 +151,7 @@ def _restored(
         "log_scales": from_numpy(mi.Vector3f, tensors[f"{name}/log_scales"]),
     }
     field.limits = tensors.get(f"{name}/limits")
-    field.update(dataclasses.replace(field.gaussians, **exact), field.error)
+    field.update(dataclasses.replace(field.gaussians, **exact), field.error, field.caustics)
     return field
 
 

@@ -100,7 +100,8 @@ def test_no_draft_is_handed_out(sealed):
 
 @pytest.mark.slow
 def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
-    """But for some of those that are nearer to the field outside than its finest kernels."""
+    """But for some of those that are nearer to the field outside than its finest kernels: 45 to 90 %
+    are told of in nine fits with other seeds, and with 24 to 40 passes."""
     field = gpf.fit(sealed, [mi.load_dict(OUTSIDE)], passes=24)
     rng = np.random.default_rng(3)
     bake_on_floor(sealed, field, rng.uniform(1.2, 2.5, (1000, 2)))
@@ -110,7 +111,7 @@ def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
     roof = np.column_stack([xy, np.full(1000, 2)]).astype(np.float32)
     bake_light(sealed, field, roof, np.tile(-UP, (1000, 1)))  # from inside
     below, above = caplog.records
-    assert "where the field has learned nothing" in below.message and below.args[0] > 60
+    assert "where the field has learned nothing" in below.message and below.args[0] > 35
     assert above.args[0] > 95
 
 
