@@ -80,7 +80,7 @@ def rooms(
         float | None,
         typer.Option(help="Also Cycles and LuxCore, at the same time and with so many s a view."),
     ] = None,
-    gather: Annotated[Gather, typer.Option(help="As for `gpf render`.")] = "never",
+    gather: Annotated[Gather, typer.Option(help="As for `gpf render`.")] = "auto",
     kept: cli.Kept = Path("results/rooms"),
 ) -> None:
     """Field, `path` with a denoiser, and SPPM, with the same time for all views together.

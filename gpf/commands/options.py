@@ -214,10 +214,11 @@ Denoise = Annotated[
     ),
 ]
 Gather = Annotated[
-    Literal["never", "always"],
+    Literal["auto", "never", "always"],
     Option(
-        help="always: gather light where the camera looks, by samples of the lamps and rays that "
-        "end in the field. Best in rooms without caustics, with --denoise."
+        help="auto: with --denoise, correct pictures by light that is gathered where the camera "
+        "looks, by samples of the lamps and rays that end in the field; always: all but caustics "
+        "is gathered."
     ),
 ]
 Film = Annotated[bool, Option("--mp4", help="Also write all pictures as a film.")]

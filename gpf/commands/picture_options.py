@@ -31,7 +31,7 @@ class PictureOptions:
     aovs: options.Aovs = ""
     exposure: options.Exposure = None
     denoise: options.Denoise = None
-    gather: options.Gather = "never"
+    gather: options.Gather = "auto"
     film: options.Film = False
     seed: options.Seed = 0
     changed_scene: options.ChangedScene = False

@@ -55,6 +55,7 @@ class Stream(IntEnum):
     GATHER_RAYS = 1004
     GATHER_LAMPS = 1005
     FURTHER = 1006
+    GATHERED_HALVES = 1007
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:

@@ -76,27 +76,36 @@ class ImageDenoiser:
             for name in ("color", "albedo", "normal", "output")
         }
         guides = ("albedo", "normal") if prefilter else ()
-        self._filters = [self._make_filter((guide,), guide) for guide in guides]
-        self._filters.append(
-            self._make_filter(("color", "albedo", "normal"), "output", hdr=True, cleanAux=True)
+        self._prefilters = {guide: self._make_filter((guide,), guide) for guide in guides}
+        self._filter = self._make_filter(
+            ("color", "albedo", "normal"), "output", hdr=True, cleanAux=True
         )
 
-    def denoise(self, radiance: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """The image without noise; all images are (H, W, 3) float32.
+    def denoise(
+        self,
+        radiance: np.ndarray,
+        albedo: np.ndarray | None = None,
+        normal: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """The image without noise; all images are (H, W, 3) float32. Guides that are left out are
+        those of the call before.
 
         Raises
         ------
         ValueError: an image has another size.
         """
         for name, image in (("color", radiance), ("albedo", albedo), ("normal", normal)):
+            if image is None:
+                continue
             if image.shape != (self.size[1], self.size[0], 3):
                 raise ValueError(
                     f"{name} has the shape {image.shape}; the denoiser has the size {self.size}"
                 )
             pixels = np.ascontiguousarray(image, dtype=np.float32)
             self._images[name].write(0, pixels.nbytes, pixels)
-        for filter_ in self._filters:
-            filter_.execute()
+            if name in self._prefilters:
+                self._prefilters[name].execute()
+        self._filter.execute()
         output = np.empty((self.size[1], self.size[0], 3), np.float32)
         self._images["output"].read(0, output.nbytes, output)
         self._check()

@@ -14,6 +14,7 @@ from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import split_layers
+from gpf.rendering.gpf import half_of
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.sensors import make_sensor
@@ -102,12 +103,23 @@ class FieldRenderer:
         def sample_part(spp: int, part: int) -> np.ndarray:
             return sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
 
+        def gather(spp: int, part: int = 0) -> np.ndarray:
+            halves: np.ndarray = self.integrator.gathered_halves(
+                self.scene, sensor, pass_seed(seed, part, Stream.GATHERED_HALVES), spp
+            )
+            return halves
+
+        corrects, halves = self.integrator.corrects, None
         if seconds is None:
             image, spp = sample(settings.spp, seed), settings.spp
+            halves = gather(half_of(spp)) if corrects else None
+        elif corrects:
+            image, spp = sample_for(seconds / 2, sample_part)
+            halves, _ = sample_for(seconds / 2, gather)
         else:
             image, spp = sample_for(seconds, sample_part)
         if settings.denoise:
-            image = self.integrator.denoised(image, variance_of_mean(known, spp))
+            image = self.integrator.denoised(image, variance_of_mean(known, spp), halves)
         layers = split_layers(image, self.aovs)
         check_finite(layers["radiance"], f"view {view.name}")
         return layers

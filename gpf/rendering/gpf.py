@@ -12,6 +12,7 @@ import numpy as np
 
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
 from gpf.core.loops import loops_traced_once
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
@@ -23,6 +24,7 @@ from gpf.rendering.aovs import (
     split_layers,
 )
 from gpf.rendering.batches import mean_of_batches
+from gpf.rendering.correction import corrected
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.lights import mixed
@@ -76,8 +78,9 @@ class GPF(DifferentiableField):
        - ``always``: what lamps and other diffuse surfaces send to a visible point comes from
          samples of the lamps and from rays that end in the field; only caustics are the field's
          answer there. Images have more noise, but no blotches and no light that leaks through
-         walls: in rooms without caustics, they are better after denoising. Not for derivatives or
-         recorded frames. (Default: never)
+         walls. ``auto``: with a denoiser, an eighth as many such samples, twice, correct the
+         field's image where both show the same (:mod:`gpf.rendering.correction`). ``never``: only
+         the field. Not for derivatives or recorded frames. (Default: auto)
      * - lights
        - |string|
        - Levels of groups of emitters, such as ``window=0.2, lamp=1.5, #ffd0a0``: a factor, and a
@@ -112,7 +115,7 @@ class GPF(DifferentiableField):
         self.adaptive = props.get("adaptive", False)
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         self.denoise = props.get("denoise", False)
-        self.gather = props.get("gather", "never")
+        self.gather = props.get("gather", "auto")
         if self.gather not in get_args(Gather):
             raise ValueError(f"gather is {self.gather!r}; use one of {', '.join(get_args(Gather))}")
         self.lights = props.get("lights", "")
@@ -120,6 +123,7 @@ class GPF(DifferentiableField):
         self.record = props.get("record", False)
         super().__init__(props)
         self._guides: tuple[str, ...] = ()  # AOVs of a sample that only the denoiser asks for
+        self._gathers = False  # whether samples are gathered now
         self._denoiser: ImageDenoiser | None = None
         self._check, self._known = SceneCheck(), KnownScene()
         self.recorded_frames = RecordedFrames()
@@ -141,7 +145,30 @@ class GPF(DifferentiableField):
         image, variance = self.sample_image(scene, sensor, seed, spp, develop, evaluate)
         if not (self.denoise and develop):
             return image
-        return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance))
+        spp, halves = spp or sensor.sampler().sample_count(), None
+        if self.corrects:
+            halves = self.gathered_halves(scene, sensor, plain_seed(seed), half_of(spp))
+        return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance, halves))
+
+    @property
+    def corrects(self) -> bool:
+        """Whether denoised images are corrected by gathered light."""
+        knows = self.field is not None and self.field.caustics is not None
+        return self.gather == "auto" and self.denoise and knows
+
+    def gathered_halves(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int
+    ) -> np.ndarray:
+        """Two images with independent noise whose light is gathered, (2, H, W, 3), with ``spp``
+        samples per pixel each."""
+        seeds = [pass_seed(seed, half, Stream.GATHERED_HALVES) for half in range(2)]
+        with mixed(scene, self.field, self.wanted_levels()):
+            self._gathers = True
+            try:
+                halves = [self._sample_evenly(scene, sensor, each, spp) for each in seeds]
+            finally:
+                self._gathers = False
+        return np.stack([np.array(half)[..., :3] for half in halves])
 
     def sample_image(
         self,
@@ -188,15 +215,21 @@ class GPF(DifferentiableField):
             return self.recorded_frames.render(
                 self._sample_with, scene, sensor, seed, spp, fields, facts
             ), None
+        return self._sample_evenly(scene, sensor, seed, spp, evaluate), None
+
+    def _sample_evenly(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, evaluate: bool = True
+    ) -> mi.TensorXf:
+        """The mean of all samples, as many in each pixel."""
         pixels, most = math.prod(sensor.film().crop_size()), largest_launch()
         if spp * pixels <= most:
-            return super().render(scene, sensor, seed, spp, True, evaluate), None
+            return super().render(scene, sensor, seed, spp, True, evaluate)
 
         def batch(spp: int, seed: int) -> np.ndarray:
             return np.array(super(GPF, self).render(scene, sensor, seed, spp))
 
         image = mean_of_batches(batch, spp, plain_seed(seed), pixels, most)
-        return from_numpy(mi.TensorXf, image), None
+        return from_numpy(mi.TensorXf, image)
 
     def _sample_with(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
@@ -238,9 +271,12 @@ class GPF(DifferentiableField):
             film.put_block(mi.ImageBlock(means, offset, border=False))
             return film.develop(), variance
 
-    def denoised(self, image: np.ndarray, variance: np.ndarray | None) -> np.ndarray:
+    def denoised(
+        self, image: np.ndarray, variance: np.ndarray | None, halves: np.ndarray | None = None
+    ) -> np.ndarray:
         """The image without noise, and without the channels that only the denoiser asks for; from
-        :meth:`sample_image`, or the mean of several such images."""
+        :meth:`sample_image`, or the mean of several such images. ``halves``, those of
+        :meth:`gathered_halves`, correct it."""
         size = image.shape[1], image.shape[0]
         if self._denoiser is None or self._denoiser.size != size:
             cuda = "cuda" in str(mi.variant())
@@ -252,6 +288,8 @@ class GPF(DifferentiableField):
         if self.gather == "always":
             variance = None  # so few of the samples are bright that it is often underestimated
         clean = denoise(layers["radiance"], guides, variance, self._denoiser)
+        if halves is not None:
+            clean = corrected(clean, halves, guides[1], self._denoiser)
         end = first + len(channel_names(self.aovs))
         return np.concatenate([clean, image[..., 3:end]], axis=2)
 
@@ -281,7 +319,7 @@ class GPF(DifferentiableField):
 
     def _sharing_walks(self, scene: mi.Scene) -> GroupedWalks:
         """The walks of many samples."""
-        kind = GatheredWalks if self.gather == "always" else GroupedWalks
+        kind = GatheredWalks if self._gathers or self.gather == "always" else GroupedWalks
         return kind(self._walks(scene), self._known.walks)
 
     @loops_traced_once
@@ -305,6 +343,12 @@ class GPF(DifferentiableField):
     def to_string(self) -> str:
         """A description, for print."""
         return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
+
+
+def half_of(spp: int) -> int:
+    """The number of gathered samples in each half, beside ``spp`` samples of the field: a gathered
+    sample takes more than twice as long."""
+    return max(1, spp // 8)
 
 
 def plain_seed(seed: Any) -> int:

@@ -6,8 +6,9 @@ from typing import Literal
 
 from gpf.core.settings import Count, Seed, Settings
 
-Gather = Literal["never", "always"]
-"""Whether the light at visible points is gathered (:mod:`gpf.field.gathering`)."""
+Gather = Literal["auto", "never", "always"]
+"""Whether the light at visible points is gathered (:mod:`gpf.field.gathering`); ``auto``: to
+correct denoised pictures (:mod:`gpf.rendering.correction`)."""
 
 
 class RenderSettings(Settings):
@@ -17,7 +18,7 @@ class RenderSettings(Settings):
     adaptive: bool = True
     suppress_fireflies: bool = True
     denoise: bool = False
-    gather: Gather = "never"
+    gather: Gather = "auto"
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

@@ -25,6 +25,7 @@ class Page:
     moved: when the camera moved last, by ``time.perf_counter``.
     moving: whether the page asks for another picture.
     compared: the picture by path tracing, beside that of the field.
+    gathered: two pictures by gathered light, (2, H, W, 3), which correct that of the field.
     depth: distance of what the picture shows (:meth:`gpf.viewing.screen.Screen.depth`); None while
         it is not known.
     sent: when the last picture was sent.
@@ -40,6 +41,7 @@ class Page:
     moving: bool = True
     picture: Accumulated = field(default_factory=Accumulated)
     compared: Accumulated = field(default_factory=Accumulated)
+    gathered: Accumulated = field(default_factory=Accumulated)
     depth: float | None = None
     sent: float = 0.0
     denoised: np.ndarray | None = None
@@ -51,7 +53,7 @@ class Page:
 
     def start_anew(self) -> None:
         """Forget the picture."""
-        self.picture, self.compared = Accumulated(), Accumulated()
+        self.picture, self.compared, self.gathered = Accumulated(), Accumulated(), Accumulated()
         self.denoised = self.depth = None
 
     def do_task(self) -> bool:

@@ -13,7 +13,7 @@ from gpf.viewing.layers import display
 from gpf.viewing.messages import Layer, Look
 from gpf.viewing.pace import Pace
 from gpf.viewing.page import Page
-from gpf.viewing.screen import encode
+from gpf.viewing.screen import Screen, encode
 from gpf.viewing.screens import Screens
 from gpf.viewing.subject import Subject
 
@@ -24,11 +24,20 @@ _FRAMES, _PASSES = 64, 200
 # this many.
 _DENOISED_AT, _DENOISED_UNTIL = 8, 32
 
+# Frames of the field for each pair with gathered light, which corrects the denoised picture.
+_PER_PAIR = 8
+
 # Time between pictures of a camera at rest.
 _PICTURE_SECONDS = 0.1
 
 # Rows of pictures while there is no field.
 _PREVIEW_ROWS = 192
+
+
+def _timed(screen: Screen, camera: Keyframe) -> tuple[np.ndarray, float]:
+    """A frame, and the seconds that it took."""
+    start = time.perf_counter()
+    return screen.frame(camera), time.perf_counter() - start
 
 
 def as_picture(look: Look) -> Look:
@@ -79,27 +88,36 @@ class PageRenderer:
         if self.screens.field is None:
             most, rows = _PASSES, _PREVIEW_ROWS
         compares = look.compare == "path" and page.compared.seconds < picture.seconds
-        if picture.frames >= most and not compares:
+        gathers = self._gathers(page)
+        if picture.frames >= most and not compares and not gathers:
             return False
-        number, start = page.number, time.perf_counter()
+        number = page.number
         if page.has_moved():
             return True
-        if compares:
-            screen, total = self.screens.path_screen(self.size(look, rows)), page.compared
+        camera, size = self.subject.framed(page.camera, look.aspect), self.size(look, rows)
+        if gathers:
+            page.gathered.add(self.screens.gathered(camera, size))
+            if page.gathered.frames.bit_count() == 1:
+                page.denoised = None  # when there are twice as many, it is corrected again
+        elif compares:
+            page.compared.add(*_timed(self.screens.path_screen(size), camera))
         else:
-            layer = self.screens.layer(look.layer)
-            screen = self.screens.screen(layer, self.size(look, rows), moving=False)
-            total = picture
-        frame = screen.frame(self.subject.framed(page.camera, look.aspect))
-        total.add(frame, time.perf_counter() - start)
-        if page.depth is None:
-            page.depth = screen.depth()
+            screen = self.screens.screen(self.screens.layer(look.layer), size, moving=False)
+            picture.add(*_timed(screen, camera))
+            if page.depth is None:
+                page.depth = screen.depth()
         if page.has_moved():
             return True  # the camera has moved in the meantime
         due = time.perf_counter() - page.sent > _PICTURE_SECONDS
         if picture.frames and (picture.frames >= most or compares or due):
             self._show_resting(page, number)
         return True
+
+    def _gathers(self, page: Page) -> bool:
+        """Whether a pair of pictures with gathered light comes next."""
+        pairs = page.picture.frames // _PER_PAIR
+        shown = page.look.layer == "image" and not page.look.compare
+        return shown and self.screens.corrects and page.gathered.frames < pairs
 
     def size(self, look: Look, rows: int) -> tuple[int, int]:
         """Width and height of a picture, pixels."""
@@ -113,13 +131,15 @@ class PageRenderer:
         return display(self.screens.layer(look.layer), image, exposure, look.curve)
 
     def _show_resting(self, page: Page, number: int) -> None:
-        """Show the mean of all frames so far, denoised if there are few of them."""
+        """Show the mean of all frames so far, denoised if there are few of them, or if it is
+        corrected."""
         look, frames = page.look, page.picture.frames
         image = page.picture.mean()
         if look.layer == "image" and not look.compare:
             if frames >= _DENOISED_AT and page.denoised is None:
-                page.denoised = self.screens.denoised(image)
-            if page.denoised is not None and frames < _DENOISED_UNTIL:
+                halves = page.gathered.mean() if page.gathered.frames else None
+                page.denoised = self.screens.denoised(image, halves)
+            if page.denoised is not None and (frames < _DENOISED_UNTIL or page.gathered.frames):
                 image = page.denoised
         pixels, psnr = self.display(look, image), None
         exposure, references = self.subject.exposure, self.subject.references

@@ -90,13 +90,13 @@ class Accumulated:
     seconds: float = 0.0
 
     def add(self, frame: np.ndarray, seconds: float = 0.0) -> None:
-        """Add a frame, (H, W, C), and the time that it took."""
+        """Add a frame, (…, H, W, C), and the time that it took."""
         self.total = frame.copy() if self.total is None else self.total + frame
         self.frames += 1
         self.seconds += seconds
 
     def mean(self) -> np.ndarray:
-        """The mean of the frames, (H, W, C)."""
+        """The mean of the frames, (…, H, W, C)."""
         assert self.total is not None
         return self.total / np.float32(self.frames)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import split_layers
+from gpf.rendering.correction import corrected
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser
 from gpf.rendering.denoiser import available as has_denoiser
 from gpf.rendering.lights import LightMixer
@@ -31,7 +32,7 @@ _AS_IT_IS = (1.0, 1.0, 1.0)
 _MOST_SCREENS = 12
 
 # What a screen shows, its width and height, and whether the camera moves.
-_Key = tuple[Layer | Literal["path"], tuple[int, int], bool]
+_Key = tuple[Layer | Literal["path", "gathered"], tuple[int, int], bool]
 
 
 class Screens:
@@ -123,22 +124,39 @@ class Screens:
             self._add(key, mi.load_dict({"type": "path", "max_depth": _PATH_DEPTH}))
         return self._used(key)
 
+    @property
+    def corrects(self) -> bool:
+        """Whether pictures of cameras at rest are corrected by gathered light."""
+        return has_denoiser() and self.field is not None and self.field.caustics is not None
+
+    def gathered(self, camera: Keyframe, size: tuple[int, int]) -> np.ndarray:
+        """Two pictures by gathered light, one sample per pixel each, (2, H, W, 3)."""
+        key: _Key = ("gathered", size, False)
+        if key not in self._screens:
+            integrator = mi.load_dict({"type": "gpf", "gather": "always"})
+            integrator.field = self.field
+            self._add(key, integrator)
+        screen = self._used(key)
+        return np.stack([screen.frame(camera)[..., :3] for _ in range(2)])
+
     def photons(self, camera: Keyframe, size: tuple[int, int]) -> np.ndarray:
         """Photons as points, display values (H, W, 3) uint8."""
         if self._photons is None:
             self._photons = PhotonPoints(self.scene)
         return self._photons.draw(camera, size)
 
-    def denoised(self, image: np.ndarray) -> np.ndarray | None:
+    def denoised(self, image: np.ndarray, halves: np.ndarray | None = None) -> np.ndarray | None:
         """The denoised picture (H, W, 3) of an image (H, W, C) from a camera at rest; None without
-        a field or denoiser."""
+        a field or denoiser. ``halves``: pictures by gathered light, (2, H, W, 3), correct it."""
         if self.field is None or not has_denoiser():
             return None
         layers = split_layers(image, GUIDES)
         size = image.shape[1], image.shape[0]
         if size not in self._denoisers:
             self._denoisers = {size: ImageDenoiser(size, prefilter=True, quality="fast")}
-        return self._denoisers[size].denoise(layers["radiance"], *(layers[g] for g in GUIDES))
+        denoiser, guides = self._denoisers[size], [layers[g] for g in GUIDES]
+        clean = denoiser.denoise(layers["radiance"], *guides)
+        return clean if halves is None else corrected(clean, halves, guides[1], denoiser)
 
     def _update(self, only: Layer | None = None) -> None:
         """Set the field of all screens again, or of those of one layer."""
@@ -147,7 +165,7 @@ class Screens:
             if layer != "path" and only in (None, layer):
                 screen.integrator.field = self._field_of(layer)
 
-    def _field_of(self, layer: Layer) -> GaussianPhotonField | None:
+    def _field_of(self, layer: str) -> GaussianPhotonField | None:
         if layer != "gaussians" or self.field is None:
             return self.field
         self._ellipses = self._ellipses or as_ellipses(self.field)

@@ -100,8 +100,8 @@ def test_no_draft_is_handed_out(sealed):
 
 @pytest.mark.slow
 def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
-    """But for some of those that are nearer to the field outside than its finest kernels: 45 to 90 %
-    are told of in nine fits with other seeds, and with 24 to 40 passes."""
+    """But for some of those that are nearer to the field outside than its finest kernels. In nine
+    fits with other seeds, or with up to 40 passes, it told of 45 to 90 % of them."""
     field = gpf.fit(sealed, [mi.load_dict(OUTSIDE)], passes=24)
     rng = np.random.default_rng(3)
     bake_on_floor(sealed, field, rng.uniform(1.2, 2.5, (1000, 2)))
