@@ -7,12 +7,14 @@ far away, so small errors of the field average out.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import balance, direct_light, share_of_bsdf
+from gpf.camera.recorded_steps import traced_step
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
@@ -41,6 +43,7 @@ def gathered_radiance(
     active: mi.Bool,
     density: mi.Float | None = None,
     near: float = 0,
+    run: Callable[..., Any] = traced_step,
 ) -> mi.Color3f:
     """Radiance that diffuse surfaces send against rays, W/(m² sr), (N, 3).
 
@@ -56,12 +59,13 @@ def gathered_radiance(
         for its share in a mean with samples of them (:mod:`gpf.camera.next_event`); None: leave it
         out.
     near: how close ends of rays are that share an answer of the field, in search radii; 0: none do.
+    run: :meth:`gpf.camera.recorded_steps.RecordedSteps.run`, if walks are recorded.
     """
     resolved = dr.opaque(mi.Float, _resolved(field))
     sees_lamps, density = density is not None, mi.Float(0) if density is None else density
-    ends = _follow(scene, field, sampler, ray, active, density, resolved, sees_lamps)
-    sampler.schedule_state()
-    dr.eval(ends)
+    lamps = [field.settings.sampled_lamps(scene), Lamps(scene)]
+    dr.eval(ray, active, density)
+    ends = run(_follow, scene, sampler, lamps, ray, active, density, resolved, sees_lamps)
     arriving, _ = query_shared(field, ends.p, ends.n, ends.valid, near)
     return ends.radiance(dr.maximum(arriving, 0))
 
@@ -70,8 +74,8 @@ def gathered_radiance(
 @dr.syntax
 def _follow(  # type: ignore[no-untyped-def]
     scene: mi.Scene,
-    field: GaussianPhotonField,
     sampler: mi.Sampler,
+    lamps: Sequence[Lamps],
     ray: mi.Ray3f,
     active: mi.Bool,
     density: mi.Float,
@@ -80,10 +84,12 @@ def _follow(  # type: ignore[no-untyped-def]
 ) -> VisiblePoints:
     """Where gather rays end, and the light that they bring besides, ``emission``, (N,).
 
-    ``resolved``: the distance of near surfaces, world units.
+    Parameters
+    ----------
+    lamps: those that the field does not store, and all.
+    resolved: the distance of near surfaces, world units.
     """
-    context, every = diffuse_context(), Lamps(scene)
-    lamps = field.settings.sampled_lamps(scene)
+    context, (outside, every) = diffuse_context(), lamps
     start = mi.Point3f(ray.o)
 
     ends = dr.zeros(VisiblePoints, dr.width(ray.d))
@@ -115,8 +121,8 @@ def _follow(  # type: ignore[no-untyped-def]
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
             reflectance = diffuse_reflectance(bsdf, si, known)
             valid = mi.Bool(True)
-            if dr.hint(bool(lamps), mode="scalar"):
-                sent += direct_light(scene, sampler, context, bsdf, si, known, lamps)
+            if dr.hint(bool(outside), mode="scalar"):
+                sent += direct_light(scene, sampler, context, bsdf, si, known, outside)
         if near:
             sent += direct_light(scene, sampler, context, bsdf, si, near, every)
         emission += through * sent
@@ -164,27 +170,33 @@ def _resolved(field: GaussianPhotonField) -> float:
 
 
 def light_at(
-    scene: mi.Scene, field: GaussianPhotonField, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    run: Callable[..., Any] = traced_step,
 ) -> mi.Color3f:
     """Radiance of the diffuse component of the surfaces that rays meet, by light straight from the
     lamps and from other diffuse surfaces, W/(m² sr), (N, 3): a sample of the emitters and one
-    gather ray share the former by the balance heuristic."""
-    direct, onward, weight, density = _leave(scene, sampler, ray, active)
-    sampler.schedule_state()
-    dr.eval(direct, onward, weight, density)
+    gather ray share the former by the balance heuristic. ``run``: as in
+    :func:`gathered_radiance`."""
+    direct, onward, weight, density = run(_leave, scene, sampler, [Lamps(scene)], ray, active)
     found = gathered_radiance(
-        scene, field, sampler, onward, dr.any(weight > 0), density, NEAR_FOR_PICTURES
+        scene, field, sampler, onward, dr.any(weight > 0), density, NEAR_FOR_PICTURES, run
     )
     return direct + weight * found
 
 
-def _leave(scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> tuple[Any, ...]:
+def _leave(
+    scene: mi.Scene, sampler: mi.Sampler, lamps: Sequence[Lamps], ray: mi.Ray3f, active: mi.Bool
+) -> tuple[Any, ...]:
     """The light of a sample of the emitters, (N, 3); a ray from the surface, its weight, (N, 3),
     and the density of its direction, (N,)."""
     si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
     active &= si.is_valid()
     bsdf = si.bsdf()
-    lamp, arriving = Lamps(scene).sample(si, sampler.next_2d(active), active)
+    lamp, arriving = lamps[0].sample(si, sampler.next_2d(active), active)
     wo = si.to_local(lamp.d)
     share = balance(lamp.pdf, dr.select(lamp.delta, 0, _density(wo)))
     lit = active & (lamp.pdf > 0)

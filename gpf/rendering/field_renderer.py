@@ -14,7 +14,6 @@ from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import split_layers
-from gpf.rendering.gpf import half_of
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.sensors import make_sensor
@@ -90,12 +89,12 @@ class FieldRenderer:
         ------
         UserError: a pixel is not finite.
         """
-        settings = self.settings
+        settings, integrator = self.settings, self.integrator
         sensor = make_sensor(view, *size, sampler=settings.sampler)
         known: list[tuple[int, np.ndarray]] = []
 
         def sample(spp: int, seed: int) -> np.ndarray:
-            image, variance = self.integrator.sample_image(self.scene, sensor, seed, spp)
+            image, variance = integrator.sample_image(self.scene, sensor, seed, spp)
             if variance is not None:
                 known.append((spp, variance))
             return np.array(image)
@@ -103,23 +102,28 @@ class FieldRenderer:
         def sample_part(spp: int, part: int) -> np.ndarray:
             return sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
 
-        def gather(spp: int, part: int = 0) -> np.ndarray:
-            halves: np.ndarray = self.integrator.gathered_halves(
-                self.scene, sensor, pass_seed(seed, part, Stream.GATHERED_HALVES), spp
-            )
+        def gather(spp: int, part: int) -> np.ndarray:
+            part_seed = pass_seed(seed, part, Stream.GATHERED_HALVES)
+            halves: np.ndarray = integrator.gathered_halves(self.scene, sensor, part_seed, spp)
             return halves
 
-        corrects, halves = self.integrator.corrects, None
+        def correct(picture: np.ndarray) -> np.ndarray | None:
+            """What corrects the picture; with a time limit, in half of the time."""
+            halves: np.ndarray | None
+            if seconds is None:
+                halves = integrator.gathered_for(self.scene, sensor, seed, spp, picture)
+            else:
+                halves, _ = sample_for(seconds / 2, gather)
+            return halves
+
+        corrects = integrator.corrects
         if seconds is None:
             image, spp = sample(settings.spp, seed), settings.spp
-            halves = gather(half_of(spp)) if corrects else None
-        elif corrects:
-            image, spp = sample_for(seconds / 2, sample_part)
-            halves, _ = sample_for(seconds / 2, gather)
         else:
-            image, spp = sample_for(seconds, sample_part)
+            image, spp = sample_for(seconds / 2 if corrects else seconds, sample_part)
         if settings.denoise:
-            image = self.integrator.denoised(image, variance_of_mean(known, spp), halves)
+            variance = variance_of_mean(known, spp)
+            image = integrator.denoised(image, variance, correct if corrects else None)
         layers = split_layers(image, self.aovs)
         check_finite(layers["radiance"], f"view {view.name}")
         return layers

@@ -36,9 +36,9 @@ def choose_block_size(set_size: int) -> int:
     """The number of samples in a block; it divides ``set_size``.
 
     A set has at least :data:`RIVALS` blocks, so that a pixel that is bright in all its samples
-    confirms itself.
+    confirms itself; unless it has fewer samples.
     """
-    sizes = [n for n in range(1, set_size // RIVALS + 1) if set_size % n == 0]
+    sizes = [n for n in range(1, max(set_size // RIVALS, 1) + 1) if set_size % n == 0]
     return next((n for n in sizes if n >= MIN_BLOCK_SIZE), sizes[-1])
 
 

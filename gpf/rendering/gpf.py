@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -24,16 +26,19 @@ from gpf.rendering.aovs import (
     split_layers,
 )
 from gpf.rendering.batches import mean_of_batches
-from gpf.rendering.correction import corrected
+from gpf.rendering.correction import corrected, is_wrong
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
 from gpf.rendering.recording import KnownScene, RecordedFrames
-from gpf.rendering.sample_sets import largest_launch
+from gpf.rendering.sample_sets import SampleSets, largest_launch
 from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.settings import Gather
 from gpf.rendering.walks import GatheredWalks, GroupedWalks, Walks
+
+GATHERED = 0.25
+"""Samples with gathered light that correct a picture, for each sample of the field."""
 
 
 class GPF(DifferentiableField):
@@ -123,7 +128,6 @@ class GPF(DifferentiableField):
         self.record = props.get("record", False)
         super().__init__(props)
         self._guides: tuple[str, ...] = ()  # AOVs of a sample that only the denoiser asks for
-        self._gathers = False  # whether samples are gathered now
         self._denoiser: ImageDenoiser | None = None
         self._check, self._known = SceneCheck(), KnownScene()
         self.recorded_frames = RecordedFrames()
@@ -145,10 +149,10 @@ class GPF(DifferentiableField):
         image, variance = self.sample_image(scene, sensor, seed, spp, develop, evaluate)
         if not (self.denoise and develop):
             return image
-        spp, halves = spp or sensor.sampler().sample_count(), None
-        if self.corrects:
-            halves = self.gathered_halves(scene, sensor, plain_seed(seed), half_of(spp))
-        return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance, halves))
+        number = plain_seed(seed)
+        spp = spp or sensor.sampler().sample_count()
+        correct = partial(self.gathered_for, scene, sensor, number, spp) if self.corrects else None
+        return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance, correct))
 
     @property
     def corrects(self) -> bool:
@@ -156,19 +160,48 @@ class GPF(DifferentiableField):
         knows = self.field is not None and self.field.caustics is not None
         return self.gather == "auto" and self.denoise and knows
 
+    def gathered_for(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, picture: np.ndarray
+    ) -> np.ndarray | None:
+        """:meth:`gathered_halves` to correct a picture from the field, (H, W, 3), that has ``spp``
+        samples per pixel: :data:`GATHERED` times as many in all, because each takes two to three
+        times as long; None if a quarter of them shows nothing to correct."""
+        each = max(1, round(spp * GATHERED / 2))
+        first = max(1, each // 4)
+        halves = self.gathered_halves(scene, sensor, seed, first)
+        if not is_wrong(picture, halves):
+            return None
+        if each > first:
+            seed = pass_seed(seed, 1, Stream.GATHERED_HALVES)
+            more = self.gathered_halves(scene, sensor, seed, each - first)
+            halves += (more - halves) * np.float32(1 - first / each)
+        return halves
+
     def gathered_halves(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int
     ) -> np.ndarray:
-        """Two images with independent noise whose light is gathered, (2, H, W, 3), with ``spp``
-        samples per pixel each."""
-        seeds = [pass_seed(seed, half, Stream.GATHERED_HALVES) for half in range(2)]
-        with mixed(scene, self.field, self.wanted_levels()):
-            self._gathers = True
-            try:
-                halves = [self._sample_evenly(scene, sensor, each, spp) for each in seeds]
-            finally:
-                self._gathers = False
-        return np.stack([np.array(half)[..., :3] for half in halves])
+        """Two images with independent noise whose light is gathered, (2, H, W, 3), with about
+        ``spp`` samples per pixel each."""
+        width, height = (int(n) for n in sensor.film().crop_size())
+        rows = dr.opaque(mi.UInt32, height)
+
+        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+            # One image lies below the other.
+            place = mi.Vector2u(pixel.x, dr.select(pixel.y < rows, pixel.y, pixel.y - rows))
+            ray, weight = sample_pixel_rays(sensor, sampler, place)
+            return [*(weight * self._look(walks, sampler, ray, mi.Bool(True))["radiance"])]
+
+        self._known.prepare(scene)
+        with mixed(scene, self.field, self.wanted_levels()), dr.suspend_grad():
+            walks = GatheredWalks(self._walks(scene), self._known.steps)
+            sampler = sensor.sampler().fork()
+            sampler.set_sample_count(spp)
+            spp = int(sampler.sample_count())  # it may have rounded it
+            sets = SampleSets(sample, sampler, (width, 2 * height), spp, None)
+            one = dr.full(mi.UInt32, 1, 2 * height * width)
+            sums = sets.take(one, pass_seed(seed, 0, Stream.GATHERED_HALVES))
+        found = np.stack([c.numpy() for c in sums[:3]], axis=1) / spp
+        return found.reshape(2, height, width, 3).astype(np.float32)
 
     def sample_image(
         self,
@@ -272,11 +305,14 @@ class GPF(DifferentiableField):
             return film.develop(), variance
 
     def denoised(
-        self, image: np.ndarray, variance: np.ndarray | None, halves: np.ndarray | None = None
+        self,
+        image: np.ndarray,
+        variance: np.ndarray | None,
+        gather: Callable[[np.ndarray], np.ndarray | None] | None = None,
     ) -> np.ndarray:
         """The image without noise, and without the channels that only the denoiser asks for; from
-        :meth:`sample_image`, or the mean of several such images. ``halves``, those of
-        :meth:`gathered_halves`, correct it."""
+        :meth:`sample_image`, or the mean of several such images. ``gather`` is called with the
+        radiance without noise; it returns :meth:`gathered_halves`, which correct it, or None."""
         size = image.shape[1], image.shape[0]
         if self._denoiser is None or self._denoiser.size != size:
             cuda = "cuda" in str(mi.variant())
@@ -288,7 +324,7 @@ class GPF(DifferentiableField):
         if self.gather == "always":
             variance = None  # so few of the samples are bright that it is often underestimated
         clean = denoise(layers["radiance"], guides, variance, self._denoiser)
-        if halves is not None:
+        if gather is not None and (halves := gather(clean)) is not None:
             clean = corrected(clean, halves, guides[1], self._denoiser)
         end = first + len(channel_names(self.aovs))
         return np.concatenate([clean, image[..., 3:end]], axis=2)
@@ -319,8 +355,8 @@ class GPF(DifferentiableField):
 
     def _sharing_walks(self, scene: mi.Scene) -> GroupedWalks:
         """The walks of many samples."""
-        kind = GatheredWalks if self._gathers or self.gather == "always" else GroupedWalks
-        return kind(self._walks(scene), self._known.walks)
+        kind = GatheredWalks if self.gather == "always" else GroupedWalks
+        return kind(self._walks(scene), self._known.steps)
 
     @loops_traced_once
     def _look(
@@ -343,12 +379,6 @@ class GPF(DifferentiableField):
     def to_string(self) -> str:
         """A description, for print."""
         return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
-
-
-def half_of(spp: int) -> int:
-    """The number of gathered samples in each half, beside ``spp`` samples of the field: a gathered
-    sample takes more than twice as long."""
-    return max(1, spp // 8)
 
 
 def plain_seed(seed: Any) -> int:

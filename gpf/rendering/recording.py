@@ -1,34 +1,22 @@
-"""Recorded frames and walks: kernels are recorded once and launched again without running Python.
+"""Recorded frames: kernels are recorded once and launched again without running Python.
 
 Tracing an integrator that is written in Python takes a few milliseconds per frame, more than a
-third of the time for a small image; in a room with 80 materials, a camera walk takes a tenth of a
-second. Dr.Jit can record the kernels that a function launches and launch them again with other
-arguments. Everything that is not an argument must stay the same.
+third of the time for a small image.
 """
 
 from __future__ import annotations
 
-import gc
-import logging
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.visible_points import follow
-from gpf.core.structs import Haze, VisiblePoints, Way
+from gpf.camera.recorded_steps import RecordedSteps, nothing_collected
 from gpf.scene.inventory import divides_walks
-from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
 from gpf.scene.shapes import all_shapes
-
-log = logging.getLogger(__name__)
-
-MOST_WALKS = 8
-"""Recordings of camera walks to keep: one for each set of samplers, depths and kinds of arrays."""
 
 
 class RecordedFrames:
@@ -69,7 +57,7 @@ class RecordedFrames:
             self._objects, self._facts = (scene, sensor), facts
             self.frozen = dr.freeze(function)
         try:
-            with _nothing_collected(first):
+            with nothing_collected(first):
                 frame: mi.TensorXf = self.frozen(scene, sensor, mi.UInt32(seed), spp, arrays)
                 return frame
         except RuntimeError as error:
@@ -77,66 +65,6 @@ class RecordedFrames:
                 "This scene cannot be recorded: one of its plugins, such as an orthographic "
                 'camera, does not expose all its data to Dr.Jit. Set "record" to false.'
             ) from error
-
-
-class RecordedWalks:
-    """The camera walks of a scene: :func:`gpf.camera.visible_points.follow`, recorded, with
-    bit-identical results. If the scene cannot be recorded, they are traced each time."""
-
-    def __init__(self) -> None:
-        self._frozen: Any = dr.freeze(_follow, limit=MOST_WALKS, warn_after=1 << 30)
-        self._calls = 0
-
-    def follow(
-        self,
-        scene: mi.Scene,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        max_depth: int,
-        rr_depth: int,
-        active: mi.Bool,
-        lamps: Lamps,
-        back: mi.Bool | None,
-    ) -> tuple[VisiblePoints, Way, Haze]:
-        """The visible points, the ways to them, and places in media, evaluated.
-
-        Parameters
-        ----------
-        sampler, ray, active, back: evaluated.
-        """
-        indices = None if lamps.indices is None else tuple(lamps.indices)
-        # Dr.Jit does not see the plain values of a sampler.
-        kind = str(sampler.class_name()), int(sampler.sample_count())
-        depths = max_depth, rr_depth
-        arguments = scene, sampler, ray, active, back, lamps.arrays(), depths, indices, kind
-        self._calls += 1
-        if self._frozen is not None:
-            try:
-                with _nothing_collected(first=self._calls == 1):
-                    found: tuple[VisiblePoints, Way, Haze] = self._frozen(*arguments)
-                    return found
-            except RuntimeError as error:
-                log.info("Camera walks cannot be recorded and are traced each time: %s", error)
-                self._frozen = None
-        return _follow(*arguments)
-
-
-def _follow(
-    scene: mi.Scene,
-    sampler: mi.Sampler,
-    ray: mi.Ray3f,
-    active: mi.Bool,
-    back: mi.Bool | None,
-    arrays: list[mi.UInt32],
-    depths: tuple[int, int],
-    indices: tuple[int, ...] | None,
-    kind: tuple[str, int],
-) -> tuple[VisiblePoints, Way, Haze]:
-    lamps = Lamps(scene, indices).with_arrays(arrays)
-    found = follow(scene, sampler, ray, *depths, active, lamps, back)
-    sampler.schedule_state()
-    dr.eval(found)
-    return found
 
 
 class Vertices:
@@ -172,7 +100,7 @@ class KnownScene:
 
     Attributes
     ----------
-    walks: recorded walks of the scene.
+    steps: recorded steps of walks in the scene.
     changes: how often :meth:`prepare` found other vertices.
     """
 
@@ -182,14 +110,14 @@ class KnownScene:
         self._shapes: list[mi.Shape] | None = None
         self._divides = False
         self._vertices: Vertices | None = None
-        self.walks, self.changes = RecordedWalks(), 0
+        self.steps, self.changes = RecordedSteps(), 0
 
     def prepare(self, scene: mi.Scene) -> None:
         """Before an image: discard what was recorded for another scene or other vertices."""
         self._learn(scene)
         assert self._vertices is not None
         if (changes := self._vertices.changes()) != self.changes:
-            self.walks, self.changes = RecordedWalks(), changes
+            self.steps, self.changes = RecordedSteps(), changes
 
     def divides(self, scene: mi.Scene) -> bool:
         """Whether walks may take both ways at their first surface."""
@@ -200,19 +128,4 @@ class KnownScene:
         if self._shapes != scene.shapes():
             require_separable(scene)
             self._divides, self._vertices = divides_walks(scene), Vertices(scene)
-            self.walks, self._shapes = RecordedWalks(), scene.shapes()
-
-
-@contextmanager
-def _nothing_collected(first: bool) -> Iterator[None]:
-    """No garbage collection within the block. If another scene were collected during a recording,
-    it would change Dr.Jit's registry, and the process would abort."""
-    collects = gc.isenabled()
-    if first:
-        gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
+            self.steps, self._shapes = RecordedSteps(), scene.shapes()

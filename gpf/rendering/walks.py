@@ -7,20 +7,22 @@ the samples that need them, and samples close together share an answer of the fi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.haze import lit_by
+from gpf.camera.recorded_steps import RecordedSteps
 from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gathering import light_at
 from gpf.field.shared_query import NEAR, in_order, query_shared
 from gpf.rendering.aovs import at_visible_point
-from gpf.rendering.recording import RecordedWalks
+from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
 NEAR_IN_REFLECTIONS = 0.1
@@ -155,14 +157,14 @@ class GroupedWalks(Walks):
 
     Parameters
     ----------
-    recorded: recorded walks of the scene.
+    steps: recorded steps of walks in the scene.
     near: how close points are that share an answer, in search radii.
     """
 
-    def __init__(self, walks: Walks, recorded: RecordedWalks, near: float = NEAR) -> None:
+    def __init__(self, walks: Walks, steps: RecordedSteps, near: float = NEAR) -> None:
         vars(self).update(vars(walks))
-        self.near = near
-        self.recorded, self.follow = recorded, recorded.follow
+        self.near, self.steps = near, steps
+        self.follow = partial(_follow, steps)
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
         """As for all walks; the rays go through memory, too."""
@@ -205,7 +207,7 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = GroupedWalks(self, self.recorded, NEAR_IN_REFLECTIONS)
+        alone = GroupedWalks(self, self.steps, NEAR_IN_REFLECTIONS)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
         return {key: _answer(value, index, back) for key, value in found.items()}
@@ -219,14 +221,56 @@ class GatheredWalks(GroupedWalks):
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
         depths, side = (self.max_depth, self.rr_depth), back if self.divides else None
-        points, way, _, arrival = walk(self.scene, sampler, ray, *depths, active, None, side)
-        sampler.schedule_state()
-        dr.eval(points, way, arrival)
-        found = light_at(self.scene, self.field, sampler, arrival.ray, points.valid)
+        more = ray, active, side, depths
+        points, way, last = self.steps.run(_walk_to_surface, self.scene, sampler, [], *more)
+        found = light_at(self.scene, self.field, sampler, last, points.valid, self.steps.run)
         points.emission += dr.select(points.valid, points.throughput * found, 0)
         caustics = self.field.part("caustics")
         value, reach = query_shared(caustics, points.p, points.n, points.valid, self.near)
         return self._shown(points, value, reach, way, mi.Color3f(0), sampler), way
+
+
+def _follow(
+    steps: RecordedSteps,
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    max_depth: int,
+    rr_depth: int,
+    active: mi.Bool,
+    lamps: Lamps,
+    back: mi.Bool | None,
+) -> tuple[VisiblePoints, Way, Haze]:
+    """:func:`gpf.camera.visible_points.follow`, recorded."""
+    arguments = ray, active, back, (max_depth, rr_depth)
+    points, way, haze = steps.run(_followed, scene, sampler, [lamps], *arguments)
+    return points, way, haze
+
+
+def _followed(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    lamps: Sequence[Lamps],
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    back: mi.Bool | None,
+    depths: tuple[int, int],
+) -> tuple[VisiblePoints, Way, Haze]:
+    return follow(scene, sampler, ray, *depths, active, lamps[0], back)
+
+
+def _walk_to_surface(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    lamps: Sequence[Lamps],
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    back: mi.Bool | None,
+    depths: tuple[int, int],
+) -> tuple[VisiblePoints, Way, mi.Ray3f]:
+    """The visible points, the ways to them, and the rays that meet them."""
+    points, way, _, arrival = walk(scene, sampler, ray, *depths, active, None, back)
+    return points, way, arrival.ray
 
 
 def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:

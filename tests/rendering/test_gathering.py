@@ -107,5 +107,5 @@ def test_a_field_that_does_not_know_its_caustics():
 
 
 def test_another_word():
-    with pytest.raises(RuntimeError, match="use one of never, always"):
+    with pytest.raises(RuntimeError, match="use one of auto, never, always"):
         mi.load_dict({"type": "gpf", "gather": "often"})

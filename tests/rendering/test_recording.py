@@ -6,11 +6,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-import gpf.rendering.recording as module
+from gpf.camera.recorded_steps import RecordedSteps, traced_step
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
-from gpf.rendering.recording import RecordedWalks
+from gpf.rendering.walks import _followed
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.sensors import make_sensor
@@ -73,19 +73,20 @@ def values(found) -> list[np.ndarray]:
     ]
 
 
-def check(recorded: RecordedWalks, case: tuple) -> None:
+def run(steps: RecordedSteps | None, case: tuple) -> tuple:
+    """What a step finds, and the next numbers of its sampler."""
+    scene, sampler, ray, *depths, active, lamps, back = arguments(*case)
+    step = traced_step if steps is None else steps.run
+    found = step(_followed, scene, sampler, [lamps], ray, active, back, tuple(depths))
+    return values(found), sampler.next_1d().numpy()
+
+
+def check(steps: RecordedSteps, case: tuple) -> None:
     """A walk, and the next numbers of its sampler, are those of a walk that is traced."""
-    scene, *more = case
-    mine, own = arguments(scene, *more), arguments(scene, *more)
-    found = values(recorded.follow(*mine))
-    lamps, indices = own[6], tuple(own[6].indices)
-    kind = str(own[1].class_name()), int(own[1].sample_count())
-    expected = values(
-        module._follow(*own[:3], own[5], own[7], lamps.arrays(), DEPTHS, indices, kind)
-    )
+    (found, after), (expected, also_after) = run(steps, case), run(None, case)
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(mine[1].next_1d().numpy(), own[1].next_1d().numpy())
+    np.testing.assert_array_equal(after, also_after)
 
 
 @pytest.mark.parametrize(
@@ -93,16 +94,16 @@ def check(recorded: RecordedWalks, case: tuple) -> None:
 )
 def test_the_bits_are_those_of_a_walk_that_is_traced(scene, kind):
     """With other seeds, numbers of rays, samples of a pixel, and both ways from the surface."""
-    recorded = RecordedWalks()
+    recorded = RecordedSteps()
     for seed, (count, samples, back) in enumerate(
         [(400, 4, False), (400, 4, True), (800, 4, False), (800, 16, False), (400, 4, None)] * 2
     ):
         check(recorded, (scene, kind, seed, count, samples, back))
-    assert recorded._frozen.n_recordings < 8
+    assert recorded._frozen[_followed].n_recordings < 8
 
 
 def test_lamps_may_change_their_light(scene):
-    recorded, parameters = RecordedWalks(), mi.traverse(scene)
+    recorded, parameters = RecordedSteps(), mi.traverse(scene)
     key = "lamp.emitter.radiance.value"
     for light in (5.0, 5.0, 1.0):
         parameters[key] = mi.Color3f(light)
@@ -148,8 +149,8 @@ def test_what_cannot_be_recorded_is_traced(scene):
     def fails(*arguments):
         raise RuntimeError("record(): not fully traversable")
 
-    recorded = RecordedWalks()
-    recorded._frozen = fails
+    recorded = RecordedSteps()
+    recorded._frozen = {_followed: fails}
     check(recorded, (scene, "multijitter", 1, 400, 4, False))
     assert recorded._frozen is None
     check(recorded, (scene, "multijitter", 2, 400, 4, False))

@@ -4,10 +4,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.camera.recorded_steps import RecordedSteps
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
-from gpf.rendering.recording import RecordedWalks
 from gpf.rendering.walks import GroupedWalks, Walks
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
@@ -99,7 +99,7 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
     sampler.seed(1, rays)
     o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
     ray = mi.Ray3f(from_numpy(mi.Point3f, o), from_numpy(mi.Vector3f, d))
-    found = GroupedWalks(walks, RecordedWalks()).look(sampler, ray, mi.Bool(True))
+    found = GroupedWalks(walks, RecordedSteps()).look(sampler, ray, mi.Bool(True))
     # Glass with index 3 reflects r = 2 f / (1 + f) with f = 1/4; the floor reflects a half.
     r = 0.5 / 1.25
     expected = r + (1 - r) * 0.5 * 2 / np.pi
