@@ -56,6 +56,7 @@ class Stream(IntEnum):
     GATHER_LAMPS = 1005
     FURTHER = 1006
     GATHERED_HALVES = 1007
+    VIEW_POINTS = 1008
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:

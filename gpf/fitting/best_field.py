@@ -24,8 +24,9 @@ class BestField:
     ----------
     field: None before the first complete field.
     passes: photon passes of the field.
-    psnr: its estimated PSNR, dB, or None.
-    history: passes and estimated PSNR of the fields that were the best, in order.
+    psnr: its estimated PSNR, dB; None if it is a draft.
+    history: passes and estimated PSNR of the fields that were the best, in order; a draft is judged
+        when there is another field to compare it with.
     stalls: fields in a row that gained less than :data:`LEAST_GAIN`.
     """
 
@@ -38,22 +39,25 @@ class BestField:
 
     def facts(self) -> dict[str, Any]:
         """What a file keeps besides the field, as JSON values."""
-        return {"passes": self.passes, "stalls": self.stalls}
+        return {"passes": self.passes, "stalls": self.stalls, "is_draft": self.psnr is None}
 
     def restore(
         self, field: GaussianPhotonField, facts: Mapping[str, Any], quality: QualityEstimate
     ) -> None:
         """Continue with the field and the :meth:`facts` of a file."""
-        self.take(field, facts["passes"], quality.psnr(field))
+        psnr = None if facts["is_draft"] else quality.psnr(field)
+        self.take(field, facts["passes"], psnr)
         self.stalls = facts["stalls"]
 
     def judge_again(self, quality: QualityEstimate) -> float:
         """The estimated PSNR by all passes of the estimate so far; -inf without a field."""
         if self.field is None:
             return float("-inf")
-        self.psnr = quality.psnr(self.field)
-        self.history[-1] = self.passes, self.psnr
-        return self.psnr
+        psnr = quality.psnr(self.field)
+        if self.psnr is not None:
+            self.history.pop()
+        self.take(self.field, self.passes, psnr)
+        return psnr
 
     def gives_way_to(self, psnr: float, quality: QualityEstimate, is_draft: bool) -> bool:
         """Whether a field with this estimated PSNR, from more photons, should replace it.
@@ -64,7 +68,8 @@ class BestField:
         self.stalls = self.stalls + 1 if psnr - before < LEAST_GAIN else 0
         return psnr >= before - (OF_DRAFTS if is_draft else TOLERATED)
 
-    def take(self, field: GaussianPhotonField, passes: int, psnr: float) -> None:
-        """Take a new field."""
+    def take(self, field: GaussianPhotonField, passes: int, psnr: float | None) -> None:
+        """Take a new field; without a PSNR, it is a draft."""
         self.field, self.passes, self.psnr = field, passes, psnr
-        self.history.append((passes, psnr))
+        if psnr is not None:
+            self.history.append((passes, psnr))

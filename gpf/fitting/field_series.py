@@ -35,9 +35,6 @@ from gpf.training.trainer import Trainer
 # the estimate is too uncertain.
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
-# Extra time for judging the last field, as a fraction of the fit's.
-GRACE = 0.05
-
 TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
 
 log = logging.getLogger(__name__)
@@ -80,9 +77,6 @@ class FieldSeries:
             self.make_field(plan)
             dr.flush_malloc_cache()  # Dr.Jit would keep the training's memory, a gigabyte or more
             self.gather()
-        if self.quality.passes < ENOUGH_PASSES:
-            self.add_estimates(ENOUGH_PASSES)
-            self.best.judge_again(self.quality)
 
     def is_done(self) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
@@ -135,20 +129,19 @@ class FieldSeries:
         field = trainer.finish()
         fitted = self.maker.clean(field, lesson, plan.steps)
         cleaned = self.time.work
-        # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
-        first = self.best.field is None and self.goals.target_psnr is None
-        self.add_estimates(LEAST_PASSES if first else ENOUGH_PASSES)
-        self.quality.psnr(field)
-        # The first estimate has prepared what later ones reuse.
-        begin_judgement = self.time.work
-        self.judge(field, fitted, lesson)
+        if plan.is_draft:
+            self.take(field, lesson, None)
+        else:
+            self.judge(field, fitted, lesson)
         # Not earlier: an interrupted field has to be fitted again.
         self.last = dataclasses.replace(plan, passes=self.stream.count)
         self.tell(self.best.field)
-        judgement = self.time.work - begin_judgement
-        of_points, ending = start - begin + cleaned - trained, cleaned - trained + judgement
+        cleaning, judgement = cleaned - trained, self.time.work - cleaned
+        of_points = start - begin + cleaning
+        if plan.is_draft:  # the next field has more Gaussians, and is judged
+            cleaning, judgement = 2 * cleaning, (LEAST_PASSES + 1) * self.time.pass_seconds
         all_points = plan.stride * of_points, plan.stride * evaluation
-        self.cost = FieldCost(*all_points, step, judgement, ending)
+        self.cost = FieldCost(*all_points, step, judgement, cleaning + judgement)
 
     def train(self, trainer: Trainer) -> tuple[float, float]:
         """Train to the end, or while there is time; returns the seconds of a step and of an
@@ -181,17 +174,20 @@ class FieldSeries:
         fitted: what the field would be from each half of the photons.
         lesson: what it has learned from.
         """
-        passes = self.stream.count
-        most = passes // LEAST_PER_ESTIMATE
+        self.add_estimates(ENOUGH_PASSES)
+        most = self.stream.count // LEAST_PER_ESTIMATE
         self.add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
         was_draft = self.last is not None and self.last.is_draft
-        if not self.best.gives_way_to(psnr, self.quality, was_draft):
-            return
-        self.add_error(field, fitted)
+        if self.best.gives_way_to(psnr, self.quality, was_draft):
+            self.add_error(field, fitted)
+            self.take(field, lesson, psnr)
+
+    def take(self, field: GaussianPhotonField, lesson: Lesson, psnr: float | None) -> None:
+        """Keep a field, with its estimated PSNR unless it is a draft."""
         self.maker.split(field, lesson)
-        field.record = self.origin_of(passes)
-        self.best.take(field, passes, psnr)
+        field.record = self.origin_of(self.stream.count)
+        self.best.take(field, self.stream.count, psnr)
 
     def add_error(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
         """Give a field its expected errors."""
@@ -199,11 +195,10 @@ class FieldSeries:
         field.set_error(error * np.float32(self.quality.error_scale(field)))
 
     def add_estimates(self, wanted: int) -> None:
-        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more unless the time was
-        up long ago."""
-        late = GRACE * (self.goals.seconds or 0)
+        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more while there is
+        time."""
         while self.quality.passes < wanted and (
-            self.quality.passes < LEAST_PASSES or not self.time.is_over(-late)
+            self.quality.passes < LEAST_PASSES or not self.time.is_over()
         ):
             self.quality.add_pass()
 
@@ -252,8 +247,11 @@ class FieldSeries:
 
     def result(self) -> GaussianPhotonField:
         """The best field with its record."""
-        field, psnr = self.best.field, self.best.psnr
-        assert field is not None and psnr is not None
+        field = self.best.field
+        assert field is not None
+        if (psnr := self.best.psnr) is None:  # a draft, for the fit was interrupted
+            self.add_estimates(LEAST_PASSES)
+            psnr = self.best.judge_again(self.quality)
         field.record = self.origin_of(self.best.passes) | {
             "estimated_psnr": psnr,
             "fields": self.best.history,

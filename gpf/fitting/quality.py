@@ -14,7 +14,6 @@ from gpf.core.images import propose_exposure, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.camera_samples import SAMPLES, CameraSamples
-from gpf.fitting.image_noise import measure_image_noise
 from gpf.photons.emission import Source, emit_light
 from gpf.scene.lamps import Lamps
 from gpf.sppm.passes import PassSettings, PhotonPasses
@@ -42,16 +41,16 @@ class QualityEstimate:
     independent passes each, and the slope s of the tone curve between the means of f_i and of
     (a_i + b_i)/2, the mean squared error against a reference with N passes is estimated as
 
-        mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
+        mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N,    i ≠ j,
 
     in each view. The estimate is the mean of the views' PSNR, less its standard error. Neither the
     noise of a and b nor light that changes within the pixel affects the first term's expected
     value, except slightly through s: an image has many samples per pixel, which average out. The
     second term is the noise of the reference: from its photons, from its camera samples, whose
     variance in a pixel is v, and from its single samples of the lamps, with the variance d; those
-    of a and b are evenly spread. The third term w is the noise of the field's image, measured with
-    two images of other pixels. The passes have the kernel radii of passes 1 to N in equal parts, so
-    that a and b are as blurred as the reference.
+    of a and b are evenly spread. The noise of camera samples in the field's images is left out: it
+    depends on their number, and on the denoiser. The passes have the kernel radii of passes 1 to N
+    in equal parts, so that a and b are as blurred as the reference.
 
     Parameters
     ----------
@@ -77,7 +76,6 @@ class QualityEstimate:
         self._measured = exposure is None
         chosen = np.unique(np.linspace(0, len(sensors) - 1, MOST_VIEWS).round().astype(int))
         self._scene, self._sensors = scene, [sensors[k] for k in chosen]
-        self._noise: np.ndarray | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
         scattered = Lamps(scene, None if self._photons.paths.indirect else ())
         self._samples = CameraSamples(scene, self._sensors, pixels, sampled, scattered, seed)
@@ -89,8 +87,7 @@ class QualityEstimate:
     def tensors(self) -> dict[str, np.ndarray]:
         """The passes so far, for a file."""
         facts = np.array([self.passes, self.exposure or np.nan, self._measured])
-        found = {"quality/sums": self._sums, "quality/facts": facts}
-        return found if self._noise is None else found | {"quality/noise": self._noise}
+        return {"quality/sums": self._sums, "quality/facts": facts}
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Continue from :meth:`tensors` of an estimate with the same arguments."""
@@ -99,8 +96,6 @@ class QualityEstimate:
         self.passes = int(passes)
         if self._measured and measured and not np.isnan(exposure):
             self.exposure = float(exposure)
-        if self.exposure == exposure:
-            self._noise = tensors.get("quality/noise")
 
     def add_pass(self) -> None:
         """Trace one more pass; passes add to A and B in turn."""
@@ -160,13 +155,9 @@ class QualityEstimate:
     def _estimate(self, field: GaussianPhotonField) -> tuple[float, float]:
         """The mean of the views' PSNR, and its standard error, dB."""
         error, reference, _ = self._compare(field)
-        if self._noise is None:
-            assert self.exposure is not None
-            own = self._scene, self._sensors
-            self._noise = measure_image_noise(*own, field, self.exposure, self.seed)
         views = len(self._sensors)
         error = error.reshape(views, -1)
-        least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES + self._noise
+        least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES
         each = np.maximum(np.maximum(error.mean(axis=1), 0) + least, 1e-10)
         # The standard error of a logarithm is the relative one.
         relative = np.array([standard_error(view) for view in error]) / each

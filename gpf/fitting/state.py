@@ -31,7 +31,7 @@ _FIELD = re.compile(r"field-(\d+)\.safetensors")
 SAVE_SECONDS = 60.0
 """Time between saved states while photons are traced."""
 
-FORMAT = 8
+FORMAT = 9
 """Format of the files; those of another format are not read."""
 
 Resume = Literal["if possible", "always", "never"]

@@ -53,13 +53,9 @@ class VisibleRegion:
         self, scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int, samples: int = 1 << 19
     ) -> None:
         each = max(1, samples // len(sensors))
-        seen = [
-            sample_visible_points(
-                scene, sensor, each, pass_seed(seed, number, Stream.VISIBLE_REGION)
-            )
-            for number, sensor in enumerate(sensors)
-        ]
-        points = concatenate(seen)
+        points = sample_visible_points(
+            scene, sensors, each, pass_seed(seed, 0, Stream.VISIBLE_REGION)
+        )
         lanes = dr.compress(points.valid)
         if dr.width(lanes) < LEAST_POINTS:
             raise UserError(
@@ -92,14 +88,25 @@ class VisibleRegion:
 
 
 def sample_visible_points(
-    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int, elsewhere: float = 0.5
+    scene: mi.Scene,
+    sensors: Sequence[mi.Sensor],
+    samples: int,
+    seed: int,
+    elsewhere: float = 0.5,
 ) -> VisiblePoints:
-    """Visible points of camera rays, (samples,), of which a share starts ``elsewhere`` on a ray, in
-    any direction."""
+    """Visible points of camera rays, ``samples`` of each sensor in order, of which a share starts
+    ``elsewhere`` on a ray, in any direction. One walk for all sensors: with many materials, tracing
+    its Python code takes a tenth of a second."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-    sampler.seed(seed, samples)
-    on_film = sampler.next_2d()
-    ray, _ = sensor.sample_ray(0.0, sampler.next_1d(), on_film, sampler.next_2d())
+    sampler.seed(seed, samples * len(sensors))
+    numbers = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
+    o, d = [], []
+    for number, sensor in enumerate(sensors):
+        lanes = dr.arange(mi.UInt32, samples) + dr.opaque(mi.UInt32, number * samples)
+        own, _ = sensor.sample_ray(0.0, *(dr.gather(type(n), n, lanes) for n in numbers))
+        o.append(own.o + dr.zeros(mi.Point3f, samples))  # one for all rays, without a lens
+        d.append(own.d)
+    ray = mi.Ray3f(concatenate(o), concatenate(d))
     si = scene.ray_intersect_preliminary(ray)
     along = sampler.next_1d()
     direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())
@@ -107,6 +114,13 @@ def sample_visible_points(
     ray.o = dr.select(wanders, ray.o + along * si.t * ray.d, ray.o)
     ray.d = dr.select(wanders, direction, ray.d)
     return find_visible_points(scene, sampler, mi.Ray3f(ray))[0]
+
+
+def by_sensor(points: VisiblePoints, sensors: int) -> list[VisiblePoints]:
+    """The parts of :func:`sample_visible_points`."""
+    each = dr.width(points.p) // sensors
+    rows = dr.arange(mi.UInt32, each)
+    return [take(points, rows + dr.opaque(mi.UInt32, k * each)) for k in range(sensors)]
 
 
 def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:

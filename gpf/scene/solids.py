@@ -41,9 +41,10 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
     inside: list[list[int]] = [[] for _ in range(_RAYS)]
     crossed: list[set[tuple[str, str]]] = [set() for _ in range(_RAYS)]
     for _ in range(_CROSSINGS):
-        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, False, active)
-        active &= si.is_valid()
-        index = dr.select(active, dr.reinterpret_array(mi.UInt32, si.shape), 0).numpy()
+        # In a scene of many meshes, a full intersection takes twenty times as long.
+        hit = scene.ray_intersect_preliminary(ray, active=active)
+        active &= hit.is_valid()
+        index = dr.select(active, dr.reinterpret_array(mi.UInt32, hit.shape), 0).numpy()
         for k in np.flatnonzero(np.isin(index, list(solids))):
             met, entered = int(index[k]), inside[k]
             if met not in entered:
@@ -53,7 +54,8 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
                 first, second = sorted((names[met], names[entered[-1]]))
                 crossed[k].add((first, second))
             entered.remove(met)
-        ray = si.spawn_ray(ray.d)
+        p = ray(dr.select(active, hit.t, 0))
+        ray.o = p + (1 + dr.max(dr.abs(p))) * mi.math.RayEpsilon * ray.d
         dr.eval(ray, active)
     left = (pairs for pairs, entered in zip(crossed, inside, strict=True) if not entered)
     found = Counter(pair for pairs in left for pair in pairs)

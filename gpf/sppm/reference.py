@@ -15,7 +15,7 @@ from gpf.core.random import Stream, pass_seed, stream_of
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Seed
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.guiding.emission_plan import EmissionPlan
-from gpf.guiding.visible_region import sample_visible_points
+from gpf.guiding.visible_region import by_sensor, sample_visible_points
 from gpf.photons.tracing import PathSettings
 from gpf.scene.lamps import Lamps
 from gpf.sppm.passes import PassSettings, propose_radius
@@ -67,7 +67,8 @@ class ReferenceSettings(PassSettings):
                 max(1, RADIUS_POINTS // len(sensors)),
                 pass_seed(self.seed, 0, Stream.CAMERA),
             )
-            seen = [sample_visible_points(scene, sensor, each, seed, 0) for sensor in sensors]
+            points = sample_visible_points(scene, sensors, each, seed, 0)
+            seen = by_sensor(points, len(sensors))
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
             measured = propose_radius(scene, seen, pilot, self.seed)
             # Rounded in steps of a fifth, so that a new training view rarely changes the radius:

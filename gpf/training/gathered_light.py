@@ -8,10 +8,14 @@ left to the photons, direct light to samples of the emitters.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.camera.recorded_steps import RecordedSteps, traced_step
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gathering import gathered_radiance
@@ -35,6 +39,7 @@ class GatheredLight(SampledLight):
     ) -> None:
         super().__init__(points, seed)
         self.field, self.since = field, since
+        self._steps = RecordedSteps()
 
     def sample(self, passes: int) -> None:
         """Add the samples that go with this many passes."""
@@ -50,13 +55,18 @@ class GatheredLight(SampledLight):
         total = mi.Color3f(0)
         for number in range(first, first + count):
             others = pass_seed(self.seed, half, Stream.GATHER_LAMPS, number)
-            total += gather(self.points, self.field, spread_sample(start, number), others)
+            sample = spread_sample(start, number)
+            total += gather(self.points, self.field, sample, others, self._steps.run)
             dr.eval(total)
         return total
 
 
 def gather(
-    points: FixedPoints, field: GaussianPhotonField, sample: mi.Point2f, seed: int
+    points: FixedPoints,
+    field: GaussianPhotonField,
+    sample: mi.Point2f,
+    seed: int,
+    run: Callable[..., Any] = traced_step,
 ) -> mi.Color3f:
     """Irradiance from diffuse surfaces, along one ray from each point, W/m², (N, 3).
 
@@ -69,11 +79,12 @@ def gather(
     ----------
     sample: random numbers in [0, 1)², (N, 2).
     seed: for the random numbers beyond the first surface.
+    run: :meth:`gpf.camera.recorded_steps.RecordedSteps.run`, if rays are recorded.
     """
     ray, cosine = points.cosine_rays(sample)
     weight = dr.select(cosine > 0, dr.pi / cosine, 0) * points.share(ray.d)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, dr.width(ray.d))
-    found = gathered_radiance(points.scene, field, sampler, ray, cosine > 0)
+    found = gathered_radiance(points.scene, field, sampler, ray, cosine > 0, run=run)
     dr.eval(weight)
     return weight * found

@@ -8,11 +8,13 @@ from typing import Literal
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
+from gpf.guiding.visible_region import by_sensor, sample_visible_points
 from gpf.sppm.passes import PassSettings
 from gpf.training.streaming import StreamSettings
-from gpf.training.surface_points import share_of_pixels, target_points
+from gpf.training.surface_points import target_points
 
 
 def stream_points(
@@ -29,14 +31,13 @@ def stream_points(
 
     ``wanted``: points of views, samples of surfaces, or both.
     """
-    pixels = sum(int(np.prod(sensor.film().crop_size())) for sensor in sensors.values())
-    return target_points(
-        scene,
-        {} if wanted == "surface" else sensors,
-        plan,
-        passes,
-        share_of_pixels(settings.view_points, pixels),
-        0 if wanted == "views" else settings.surface_points,
-        settings.seed,
-        photons,
-    )
+    found: dict[str, VisiblePoints] = {}
+    if wanted != "surface":
+        views = list(sensors.values())
+        pixels = min(int(np.prod(view.film().crop_size())) for view in views)
+        each = min(pixels, max(settings.view_points // len(views), 1))
+        seed = pass_seed(settings.seed, 0, Stream.VIEW_POINTS)
+        seen = by_sensor(sample_visible_points(scene, views, each, seed, 0), len(views))
+        found |= dict(zip(sensors, seen, strict=True))
+    surfaces = 0 if wanted == "views" else settings.surface_points
+    return found | target_points(scene, {}, plan, passes, 1, surfaces, settings.seed, photons)

@@ -64,7 +64,7 @@ def test_the_estimate_is_the_psnr_against_a_reference(make, monkeypatch):
     gaussians = field.gaussians
     for level in (0.9, 1.0, 1.3):
         field.update(replace(gaussians, irradiance=gaussians.irradiance * level))
-        renderer = FieldRenderer.make(scene, field, RenderSettings())
+        renderer = FieldRenderer.make(scene, field, RenderSettings(spp=1024))
         errors = [
             tone_map(renderer.render(view, SIZE, seed=5)["radiance"], EXPOSURE)
             - tone_map(reference.image(view.name, sums), EXPOSURE)
