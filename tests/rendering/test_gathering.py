@@ -100,6 +100,26 @@ def test_cloth_with_holes_reflects_as_much_as_there_is_of_it(side):
     np.testing.assert_allclose(density.numpy(), np.abs(way.z.numpy()) / np.pi, rtol=1e-4)
 
 
+@pytest.mark.parametrize("seconds", [None, 1.0])
+def test_what_gathered_light_shows_corrects_a_picture(seconds):
+    """The field has a quarter too much light everywhere. What is gathered is mostly the walls' own
+    light, which is right."""
+    pytest.importorskip("pyoidn")
+    scene = furnace()
+    field = field_of(scene, 0.3, 0)
+    field.recolour(1.25 * to_numpy(field.gaussians.irradiance))
+    view = View(name="it", origin=(0.2, 0.1, 0.1), target=(0.6, 0, 0), fov=3)
+    images = {}
+    for gather in ("never", "auto"):
+        settings = RenderSettings(spp=64, denoise=True, gather=gather)
+        renderer = FieldRenderer.make(scene, field, settings)
+        images[gather] = renderer.render(view, (48, 40), 0, seconds)["radiance"].mean()
+    assert images["never"] == pytest.approx(1.25 * ALBEDO * LIGHT, rel=0.01)
+    # What the walls reflect is the field's, too.
+    expected = ALBEDO * (EMITTED + 1.25 * ALBEDO * LIGHT)
+    assert images["auto"] == pytest.approx(expected, rel=0.02)
+
+
 def test_a_field_that_does_not_know_its_caustics():
     scene = furnace()
     with pytest.raises(UserError, match="does not know which part of its light is caustics"):
