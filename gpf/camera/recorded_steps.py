@@ -17,6 +17,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.errors import is_interrupt
 from gpf.scene.lamps import Lamps
 
 log = logging.getLogger(__name__)
@@ -39,11 +40,11 @@ def traced_step(
 
 
 class RecordedSteps:
-    """Steps in one scene, recorded, with the same bits. If the scene cannot be recorded, they are
-    traced each time."""
+    """Steps in one scene, recorded, with the same bits. Those that cannot be recorded are traced
+    each time."""
 
     def __init__(self) -> None:
-        self._frozen: dict[Step, Any] | None = {}
+        self._frozen: dict[Step, Any] = {}  # None: cannot be recorded
 
     def run(
         self,
@@ -65,16 +66,28 @@ class RecordedSteps:
         kind = str(sampler.class_name()), int(sampler.sample_count())
         indices = tuple(None if each.indices is None else tuple(each.indices) for each in lamps)
         arrays = [each.arrays() for each in lamps]
-        if self._frozen is not None:
-            try:
-                if is_first := step not in self._frozen:
-                    self._frozen[step] = _freeze(step)
-                with nothing_collected(is_first):
-                    return self._frozen[step](scene, sampler, kind, indices, arrays, *arguments)
-            except RuntimeError as error:
-                log.info("Walks cannot be recorded and are traced each time: %s", error)
-                self._frozen = None
-        return traced_step(step, scene, sampler, lamps, *arguments)
+        given = kind, indices, arrays, *arguments
+        if step not in self._frozen:
+            self._frozen[step] = _rehearsed(step, scene, sampler, *given)
+        if (frozen := self._frozen[step]) is None:
+            return traced_step(step, scene, sampler, lamps, *arguments)
+        with nothing_collected(False):
+            return frozen(scene, sampler, *given)
+
+
+def _rehearsed(step: Step, scene: mi.Scene, sampler: mi.Sampler, *given: Any) -> Any:
+    """The recorded step, or None if it cannot be recorded. It is tried with a copy of the sampler:
+    an attempt that fails has drawn numbers."""
+    frozen = _freeze(step)
+    try:
+        with nothing_collected(True):
+            frozen(scene, sampler.clone(), *given)
+    except RuntimeError as error:
+        if is_interrupt(error):
+            raise
+        log.info("Walks cannot be recorded and are traced each time: %s", error)
+        return None
+    return frozen
 
 
 def _freeze(step: Step) -> Any:

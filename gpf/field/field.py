@@ -114,7 +114,7 @@ class GaussianPhotonField(Recordable):
     limits: the planes at which the Gaussians end, (N, 3, 4), in the space of their centres
         (:mod:`gpf.field.limits`); None if nothing is near the surfaces.
     caustics: the part of the irradiance that rays from the surface to lamps and other diffuse
-        surfaces do not bring, between 0 and 1, (N, 3); None if unknown.
+        surfaces do not bring, (N, 3); single ones may be negative, or above 1; None if unknown.
 
     Attributes
     ----------

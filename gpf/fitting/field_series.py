@@ -130,6 +130,7 @@ class FieldSeries:
         fitted = self.maker.clean(field, lesson, plan.steps)
         cleaned = self.time.work
         if plan.is_draft:
+            self.maker.add_error(field, fitted)
             self.take(field, lesson, None)
         else:
             self.judge(field, fitted, lesson)
@@ -250,6 +251,7 @@ class FieldSeries:
         field = self.best.field
         assert field is not None
         if (psnr := self.best.psnr) is None:  # a draft, for the fit was interrupted
+            self.save()
             self.add_estimates(LEAST_PASSES)
             psnr = self.best.judge_again(self.quality)
         field.record = self.origin_of(self.best.passes) | {

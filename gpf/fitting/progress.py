@@ -20,7 +20,7 @@ class FitProgress:
     held_out_error: error at points that the training does not use, in units of the mean target;
         None before the first evaluation.
     psnr: estimated PSNR of the field's images against an SPPM reference with 1000 passes, dB; None
-        before the first complete field.
+        before the second complete field, because the first is a draft.
     seconds: seconds since the start.
     field: the field so far, after each evaluation; otherwise None.
     """

@@ -75,7 +75,7 @@ class QualityEstimate:
         self.seed, self.exposure, self.passes = seed, exposure, 0
         self._measured = exposure is None
         chosen = np.unique(np.linspace(0, len(sensors) - 1, MOST_VIEWS).round().astype(int))
-        self._scene, self._sensors = scene, [sensors[k] for k in chosen]
+        self._sensors = [sensors[k] for k in chosen]
         self._photons = PhotonPasses(scene, settings, seed, source)
         scattered = Lamps(scene, None if self._photons.paths.indirect else ())
         self._samples = CameraSamples(scene, self._sensors, pixels, sampled, scattered, seed)

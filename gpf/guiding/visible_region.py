@@ -104,8 +104,9 @@ def sample_visible_points(
     for number, sensor in enumerate(sensors):
         lanes = dr.arange(mi.UInt32, samples) + dr.opaque(mi.UInt32, number * samples)
         own, _ = sensor.sample_ray(0.0, *(dr.gather(type(n), n, lanes) for n in numbers))
-        o.append(own.o + dr.zeros(mi.Point3f, samples))  # one for all rays, without a lens
-        d.append(own.d)
+        # Rays without a lens have one origin, those of an orthographic camera one direction.
+        o.append(own.o + dr.zeros(mi.Point3f, samples))
+        d.append(own.d + dr.zeros(mi.Vector3f, samples))
     ray = mi.Ray3f(concatenate(o), concatenate(d))
     si = scene.ray_intersect_preliminary(ray)
     along = sampler.next_1d()

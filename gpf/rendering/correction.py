@@ -80,7 +80,8 @@ def corrected(
     shares = [mean(agreed) / np.maximum(mean(square), 1e-12) for mean in means]
     share = np.clip(np.minimum(np.minimum(shares[0], shares[1]), shares[2]), 0, 1)
     found: np.ndarray = picture + _unit(picture) * share[..., None] * of_both
-    return found
+    # Where the picture is black, the unit is larger than it is.
+    return np.maximum(found, np.minimum(picture, 0))
 
 
 def _lacking(picture: np.ndarray, halves: np.ndarray) -> np.ndarray:

@@ -58,7 +58,8 @@ class FieldRenderer:
             raise UserError(
                 "gather",
                 "is always, but the field does not know which part of its light is caustics",
-                "Fit it again with `gpf fit`. Where there are media, light cannot be gathered.",
+                "Fit it again with `gpf fit`. Light cannot be gathered where there are media, or "
+                "while lamps have other levels than in the scene.",
             )
         integrator = mi.load_dict(
             {
@@ -82,8 +83,8 @@ class FieldRenderer:
         Parameters
         ----------
         size: width and height, pixels.
-        seconds: take as many samples as fit into this time, before denoising; by default, those of
-            the settings.
+        seconds: take as many samples as fit into this time, half of them with gathered light if
+            that corrects the picture; by default, as many as the settings say.
 
         Raises
         ------
@@ -116,7 +117,7 @@ class FieldRenderer:
                 halves, _ = sample_for(seconds / 2, gather)
             return halves
 
-        corrects = integrator.corrects
+        corrects = integrator.corrects(sensor)
         if seconds is None:
             image, spp = sample(settings.spp, seed), settings.spp
         else:

@@ -83,9 +83,10 @@ class GPF(DifferentiableField):
        - ``always``: what lamps and other diffuse surfaces send to a visible point comes from
          samples of the lamps and from rays that end in the field; only caustics are the field's
          answer there. Images have more noise, but no blotches and no light that leaks through
-         walls. ``auto``: with a denoiser, an eighth as many such samples, twice, correct the
-         field's image where both show the same (:mod:`gpf.rendering.correction`). ``never``: only
-         the field. Not for derivatives or recorded frames. (Default: auto)
+         walls. ``auto``: with a denoiser, a box filter and at least 8 samples per pixel, an eighth
+         as many such samples, twice, correct the field's image where both show the same
+         (:mod:`gpf.rendering.correction`). ``never``: only the field. Not for derivatives or
+         recorded frames. (Default: auto)
      * - lights
        - |string|
        - Levels of groups of emitters, such as ``window=0.2, lamp=1.5, #ffd0a0``: a factor, and a
@@ -151,22 +152,26 @@ class GPF(DifferentiableField):
             return image
         number = plain_seed(seed)
         spp = spp or sensor.sampler().sample_count()
-        correct = partial(self.gathered_for, scene, sensor, number, spp) if self.corrects else None
+        gather = partial(self.gathered_for, scene, sensor, number, spp)
+        correct = gather if self.corrects(sensor) else None
         return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance, correct))
 
-    @property
-    def corrects(self) -> bool:
-        """Whether denoised images are corrected by gathered light."""
-        knows = self.field is not None and self.field.caustics is not None
-        return self.gather == "auto" and self.denoise and knows
+    def corrects(self, sensor: mi.Sensor) -> bool:
+        """Whether denoised images of a sensor are corrected by gathered light, whose images have a
+        box filter."""
+        knows = getattr(self.field, "caustics", None) is not None and not self.wanted_levels()
+        box = bool(sensor.film().rfilter().is_box_filter())
+        return self.gather == "auto" and self.denoise and knows and box
 
     def gathered_for(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, picture: np.ndarray
     ) -> np.ndarray | None:
         """:meth:`gathered_halves` to correct a picture from the field, (H, W, 3), that has ``spp``
         samples per pixel: :data:`GATHERED` times as many in all, because each takes two to three
-        times as long; None if a quarter of them shows nothing to correct."""
-        each = max(1, round(spp * GATHERED / 2))
+        times as long. None if that is none, or if a quarter of them shows nothing to correct."""
+        each = round(spp * GATHERED / 2)
+        if each == 0:
+            return None
         first = max(1, each // 4)
         halves = self.gathered_halves(scene, sensor, seed, first)
         if not is_wrong(picture, halves):

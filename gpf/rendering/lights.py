@@ -46,6 +46,7 @@ class LightMixer:
         # Emitters that outlive the shapes of their scene make Dr.Jit crash in the next scene.
         self._scene = scene
         self._field = field
+        self._caustics = field.caustics
         self.levels: Levels = {}
         self._emitters = [_Dimmed(emitter) for emitter in scene.emitters()]
         self._names = emitter_names(scene)
@@ -74,6 +75,8 @@ class LightMixer:
             emitter.check(name, level)
         for emitter, level in zip(self._emitters, wanted, strict=True):
             emitter.set(level)
+        # How much of each group's light is caustics is not known.
+        self._field.caustics = self._caustics if _as_it_is(levels) else None
         self._field.recolour(self.lights.at(levels))
         if self._field.volume is not None:
             self._field.volume.set_levels(levels)
@@ -98,7 +101,7 @@ def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:
 @contextmanager
 def mixed(scene: mi.Scene, field: GaussianPhotonField, levels: Levels) -> Iterator[None]:
     """Set levels in a scene and its field, temporarily; if all are 1, nothing changes."""
-    if all(level == (1.0, 1.0, 1.0) for level in levels.values()):
+    if _as_it_is(levels):
         yield
         return
     mixer, before = LightMixer(scene, field), field.gaussians
@@ -110,6 +113,10 @@ def mixed(scene: mi.Scene, field: GaussianPhotonField, levels: Levels) -> Iterat
         with dr.suspend_grad():
             mixer.set({})
         field.gaussians = before  # whose arrays may be parameters
+
+
+def _as_it_is(levels: Levels) -> bool:
+    return all(level == (1.0, 1.0, 1.0) for level in levels.values())
 
 
 class _Dimmed:

@@ -181,18 +181,18 @@ class Lamps:
         return self._groups
 
     def arrays(self) -> list[mi.UInt32]:
-        """The arrays that sampling the groups reads; see :meth:`with_arrays`."""
-        return [group._index for group in self.groups()]
+        """The arrays that sampling these lamps or their groups reads; see :meth:`with_arrays`."""
+        return [self._index, *(group._index for group in self.groups())]
 
     def with_arrays(self, arrays: Sequence[mi.UInt32]) -> Lamps:
-        """The same lamps, with groups that read these arrays, so that a recorded function can take
-        them as arguments."""
+        """The same lamps, which read these arrays, so that a recorded function can take them as
+        arguments."""
         if self.indices is None:
             return self
         other = copy.copy(self)
         other._groups = [copy.copy(group) for group in self.groups()]
-        for group, index in zip(other._groups, arrays, strict=True):
-            group._index = index
+        for lamps, index in zip([other, *other._groups], arrays, strict=True):
+            lamps._index = index
         return other
 
 

@@ -32,10 +32,10 @@ def stream_points(
     ``wanted``: points of views, samples of surfaces, or both.
     """
     found: dict[str, VisiblePoints] = {}
-    if wanted != "surface":
+    if wanted != "surface" and sensors:
         views = list(sensors.values())
-        pixels = min(int(np.prod(view.film().crop_size())) for view in views)
-        each = min(pixels, max(settings.view_points // len(views), 1))
+        pixels = sum(int(np.prod(view.film().crop_size())) for view in views)
+        each = max(min(pixels, settings.view_points) // len(views), 1)
         seed = pass_seed(settings.seed, 0, Stream.VIEW_POINTS)
         seen = by_sensor(sample_visible_points(scene, views, each, seed, 0), len(views))
         found |= dict(zip(sensors, seen, strict=True))

@@ -35,7 +35,8 @@ class FitStatus:
 
     Attributes
     ----------
-    psnr: estimated PSNR of images from the field, dB; None before the first complete field.
+    psnr: estimated PSNR of images from the field, dB; None before the second complete field,
+        because the first is a draft.
     fields: number of fields so far; each one replaces the file.
     ended: whether the process has ended.
     error: why it failed; empty if it did not.
@@ -136,17 +137,18 @@ def main(
     choose_variant("auto")
     scene = load_scene_file(scene_file)
     sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
-    told = 0.0
+    told, drafted = 0.0, False
 
     def tell(passes: int, psnr: float | None, field: bool) -> None:
         facts = {"passes": passes, "all_passes": PASSES, "psnr": psnr, "field": field}
         print(json.dumps(facts), file=reports, flush=True)
 
     def report(progress: FitProgress) -> None:
-        nonlocal told
+        nonlocal told, drafted
         # A field in training may be worse than the complete one before it.
         complete = progress.steps == progress.all_steps
-        show = progress.field is not None and (progress.psnr is None or complete)
+        show = progress.field is not None and (complete or not drafted)
+        drafted |= show and complete
         if show:
             assert progress.field is not None
             save_field(progress.field, live)

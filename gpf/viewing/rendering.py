@@ -24,8 +24,8 @@ _FRAMES, _PASSES = 64, 200
 # this many.
 _DENOISED_AT, _DENOISED_UNTIL = 8, 32
 
-# Frames of the field for each pair with gathered light, which corrects the denoised picture.
-_PER_PAIR = 8
+PER_PAIR = 8
+"""Frames of the field for each pair with gathered light, which corrects the denoised picture."""
 
 # Time between pictures of a camera at rest.
 _PICTURE_SECONDS = 0.1
@@ -115,7 +115,7 @@ class PageRenderer:
 
     def _gathers(self, page: Page) -> bool:
         """Whether a pair of pictures with gathered light comes next."""
-        pairs = page.picture.frames // _PER_PAIR
+        pairs = page.picture.frames // PER_PAIR
         shown = page.look.layer == "image" and not page.look.compare
         return shown and self.screens.corrects and page.gathered.frames < pairs
 

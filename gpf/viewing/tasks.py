@@ -11,7 +11,7 @@ from gpf.scene.views import CameraPath, Keyframe, SceneViews
 from gpf.viewing.downloads import Film, add_view, exr_file
 from gpf.viewing.messages import GetFilm, SaveView
 from gpf.viewing.page import Page
-from gpf.viewing.rendering import PageRenderer, as_picture
+from gpf.viewing.rendering import PER_PAIR, PageRenderer, as_picture
 from gpf.viewing.screen import Accumulated
 from gpf.viewing.subject import Subject
 
@@ -57,9 +57,13 @@ def send_film(renderer: PageRenderer, page: Page, message: GetFilm) -> Iterator[
                 yield
                 if screens.field is not field:  # a new one: from the start
                     total, field = Accumulated(), screens.field
-            image = total.mean()
-            if message.spp <= 16:
-                denoised = screens.denoised(image)
+            pairs = Accumulated()
+            while screens.corrects and pairs.frames < message.spp // PER_PAIR:
+                pairs.add(screens.gathered(camera, size))
+                yield
+            image, halves = total.mean(), pairs.mean() if pairs.frames else None
+            if message.spp <= 16 or halves is not None:
+                denoised = screens.denoised(image, halves)
                 image = image if denoised is None else denoised
             film.add(renderer.display(as_picture(look), image[..., :3]))
             page.client.tell({"type": "film", "done": k + 1, "all": len(views)})

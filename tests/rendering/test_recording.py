@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from gpf.camera.recorded_steps import RecordedSteps, traced_step
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.field.gathering import _follow as _gather
 from gpf.field.settings import FieldSettings
 from gpf.rendering.walks import _followed
 from gpf.scene.bounds import scene_bounds
@@ -145,12 +147,33 @@ def test_meshes_may_move(kind, group):
         np.testing.assert_array_equal(*images)
 
 
-def test_what_cannot_be_recorded_is_traced(scene):
-    def fails(*arguments):
+def test_what_cannot_be_recorded_is_traced(scene, monkeypatch):
+    """From the first time on with the numbers of a sampler that nobody has used."""
+
+    def fails(scene, sampler, *arguments):
+        sampler.next_2d()
         raise RuntimeError("record(): not fully traversable")
 
+    monkeypatch.setattr("gpf.camera.recorded_steps._freeze", lambda step: fails)
     recorded = RecordedSteps()
-    recorded._frozen = {_followed: fails}
     check(recorded, (scene, "multijitter", 1, 400, 4, False))
-    assert recorded._frozen is None
+    assert recorded._frozen[_followed] is None
     check(recorded, (scene, "multijitter", 2, 400, 4, False))
+
+
+@pytest.mark.parametrize("indices", [(), (0,), (0, 1), None])
+def test_rays_that_gather_light_can_be_recorded(scene, indices):
+    """Whatever number of lamps the field leaves out."""
+
+    def found(run):
+        sampler, ray = arguments(scene, "independent", 3, 400, 1, None)[1:3]
+        lamps = [Lamps(scene, indices), Lamps(scene)]
+        rest = mi.Bool(True), mi.Float(0), dr.opaque(mi.Float, 0.01), False
+        ends = run(_gather, scene, sampler, lamps, ray, *rest)
+        return to_numpy(ends.emission), ends.valid.numpy()
+
+    recorded = RecordedSteps()
+    for _ in range(2):
+        for a, b in zip(found(recorded.run), found(traced_step), strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert recorded._frozen[_gather] is not None

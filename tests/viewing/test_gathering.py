@@ -38,7 +38,7 @@ def test_a_picture_at_rest_is_corrected(page):
     rest(viewer)
     own = viewer._pages[0]
     assert own.picture.frames == rendering._FRAMES
-    assert own.gathered.frames == rendering._FRAMES // rendering._PER_PAIR
+    assert own.gathered.frames == rendering._FRAMES // rendering.PER_PAIR
     field, gathered = own.picture.mean()[..., :3].mean(), own.gathered.mean().mean()
     assert abs(gathered - field) > 0.2 * field
     assert own.denoised.mean() == pytest.approx(gathered, rel=0.05)
