@@ -11,7 +11,7 @@ from gpf.guiding import guided_emission
 from gpf.guiding.guided_emission import Boxes, EmissionGuide
 from gpf.guiding.photon_map import collect_photons
 from gpf.guiding.pilot import Pilot, trace_pilot
-from gpf.guiding.visible_region import VisibleRegion
+from gpf.guiding.visible_region import VisibleRegion, by_sensor, sample_visible_points
 from gpf.photons.emission import EmitterSample, emit_light
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.sensors import make_sensor
@@ -80,6 +80,17 @@ def test_views_of_nothing_diffuse_have_no_visible_region(rooms):
     away = View(name="a", origin=(9, 0, 0), target=(10, 0, 0), fov=20)
     with pytest.raises(UserError, match="training views: see no diffuse surface. Point them"):
         VisibleRegion(rooms, [make_sensor(away, 8, 6)], seed=1, samples=256)
+
+
+def test_cameras_of_all_kinds_look_together(rooms):
+    """Rays of an orthographic camera have one direction, those of others one origin."""
+    to_world = T().look_at(RIGHT_ROOM.origin, RIGHT_ROOM.target, (0, 0, 1))
+    flat = {"type": "orthographic", "to_world": to_world, "film": {"type": "hdrfilm"}}
+    sensors = [make_sensor(RIGHT_ROOM, 8, 6), mi.load_dict(flat), make_sensor(RIGHT_ROOM, 8, 6)]
+    points = sample_visible_points(rooms, sensors, 100, seed=1, elsewhere=0)
+    parts = by_sensor(points, 3)
+    assert dr.width(points.p) == 300
+    assert all(dr.width(part.p) == 100 and dr.any(part.valid) for part in parts)
 
 
 def test_a_pilot_counts_what_the_recorder_finds(rooms, region):

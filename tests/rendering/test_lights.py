@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -61,6 +62,7 @@ def render(scene, integrator):
 
 
 PATH = {"type": "path", "max_depth": 3}
+BOX_FILM = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}
 
 
 @pytest.mark.parametrize(
@@ -80,6 +82,25 @@ def test_emitters_of_the_scene_follow(levels):
     assert np.abs(found - expected).mean() < 0.05 * expected.mean()
     mixer.set({})
     np.testing.assert_allclose(render(scene, mi.load_dict(PATH)), before, rtol=1e-4, atol=1e-6)
+
+
+def test_dimmed_pictures_are_not_corrected():
+    """How much of each group's light is caustics is not known."""
+    scene = scene_with()
+    field = field_for(scene, (1, 2, 3))
+    field.set_caustics(np.zeros((dr.width(field.gaussians.means), 3), np.float32))
+    integrator = mi.load_dict({"type": "gpf", "denoise": True})
+    integrator.field = field
+    sensor = mi.load_dict({"type": "perspective", "film": BOX_FILM})
+    mixer = LightMixer(scene, field)
+    assert integrator.corrects(sensor)
+    mixer.set({"window": (0.2, 0.2, 0.2)})
+    assert not integrator.corrects(sensor)
+    mixer.set({})
+    assert integrator.corrects(sensor)
+    assert not integrator.corrects(mi.load_dict({"type": "perspective"}))  # its film blurs
+    integrator.lights = "window=.5"
+    assert not integrator.corrects(sensor)
 
 
 def test_a_mixer_keeps_its_scene():
