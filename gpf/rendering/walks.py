@@ -7,15 +7,14 @@ the samples that need them, and samples close together share an answer of the fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.haze import lit_by
-from gpf.camera.recorded_steps import RecordedSteps
+from gpf.camera.recorded_steps import RecordedSteps, Step
 from gpf.camera.visible_points import follow, walk
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
@@ -55,7 +54,6 @@ class Walks:
         self.scene, self.field, self.aovs = scene, field, aovs
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.divides = divides
-        self.follow: Callable[..., tuple[VisiblePoints, Way, Haze]] = follow
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
@@ -96,7 +94,7 @@ class Walks:
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
-        points, way, haze = self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
+        points, way, haze = self._run(_followed, sampler, [lamps], ray, active, side, depths)
         unsure = mi.Color3f(0)
         if (volume := self.field.volume) is not None:
             lamps = volume.fluence.settings.sampled_lamps(self.scene)
@@ -105,6 +103,10 @@ class Walks:
             if "error" in self.aovs:
                 unsure = haze.radiance(volume.error(haze))
         return points, way, unsure
+
+    def _run(self, step: Step, sampler: mi.Sampler, *arguments: Any) -> Any:
+        """What a step of the walks finds (:mod:`gpf.camera.recorded_steps`)."""
+        return step(self.scene, sampler, *arguments)
 
     def _scattered(self, haze: Haze) -> mi.Color3f:
         """The field's answer at places in media."""
@@ -164,7 +166,6 @@ class GroupedWalks(Walks):
     def __init__(self, walks: Walks, steps: RecordedSteps, near: float = NEAR) -> None:
         vars(self).update(vars(walks))
         self.near, self.steps = near, steps
-        self.follow = partial(_follow, steps)
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
         """As for all walks; the rays go through memory, too."""
@@ -184,6 +185,9 @@ class GroupedWalks(Walks):
         points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = query_shared(self.field, points.p, points.n, points.valid, self.near)
         return self._shown(points, value, reach, way, unsure, sampler), way
+
+    def _run(self, step: Step, sampler: mi.Sampler, *arguments: Any) -> Any:
+        return self.steps.run(step, self.scene, sampler, *arguments)
 
     def _scattered(self, haze: Haze) -> mi.Color3f:
         asking, fluence = dr.compress(haze.valid), self.field.volume.fluence
@@ -221,30 +225,14 @@ class GatheredWalks(GroupedWalks):
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
         depths, side = (self.max_depth, self.rr_depth), back if self.divides else None
+        lamps: list[Lamps] = []  # they are sampled where light is gathered
         more = ray, active, side, depths
-        points, way, last = self.steps.run(_walk_to_surface, self.scene, sampler, [], *more)
+        points, way, last = self._run(_walk_to_surface, sampler, lamps, *more)
         found = light_at(self.scene, self.field, sampler, last, points.valid, self.steps.run)
         points.emission += dr.select(points.valid, points.throughput * found, 0)
         caustics = self.field.part("caustics")
         value, reach = query_shared(caustics, points.p, points.n, points.valid, self.near)
         return self._shown(points, value, reach, way, mi.Color3f(0), sampler), way
-
-
-def _follow(
-    steps: RecordedSteps,
-    scene: mi.Scene,
-    sampler: mi.Sampler,
-    ray: mi.Ray3f,
-    max_depth: int,
-    rr_depth: int,
-    active: mi.Bool,
-    lamps: Lamps,
-    back: mi.Bool | None,
-) -> tuple[VisiblePoints, Way, Haze]:
-    """:func:`gpf.camera.visible_points.follow`, recorded."""
-    arguments = ray, active, back, (max_depth, rr_depth)
-    points, way, haze = steps.run(_followed, scene, sampler, [lamps], *arguments)
-    return points, way, haze
 
 
 def _followed(
