@@ -82,7 +82,7 @@ def test_a_field_that_comes_late_is_not_lost(scene, monkeypatch, clock):
 
     monkeypatch.setattr(PhotonStream, "halves", slowly)
     record = gpf.fit(scene, sensors(), seconds=20, callback=clock.count).record
-    assert record["passes"] == 36 and record["seconds"] > 30
+    assert record["passes"] > 12 and record["seconds"] > 30
 
 
 def test_a_field_that_is_shown_does_not_change_afterwards(scene, monkeypatch):
