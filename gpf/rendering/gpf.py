@@ -197,8 +197,8 @@ class GPF(DifferentiableField):
             return [*(weight * self._look(walks, sampler, ray, mi.Bool(True))["radiance"])]
 
         self._known.prepare(scene)
-        with mixed(scene, self.field, self.wanted_levels()), dr.suspend_grad():
-            walks = GatheredWalks(self._walks(scene), self._known.steps)
+        with dr.suspend_grad():
+            walks = GatheredWalks(self._walks(scene, ()), self._known.steps)
             sampler = sensor.sampler().fork()
             sampler.set_sample_count(spp)
             spp = int(sampler.sample_count())  # it may have rounded it
@@ -348,14 +348,15 @@ class GPF(DifferentiableField):
         found = self._look(walks, sampler, ray, active)
         return found["radiance"], found["valid"], channels(walks.aovs, found), None
 
-    def _walks(self, scene: mi.Scene) -> Walks:
-        """The walks that follow the samples of a scene."""
+    def _walks(self, scene: mi.Scene, aovs: tuple[str, ...] | None = None) -> Walks:
+        """The walks that follow the samples of a scene, by default with all AOVs."""
         if self.field is None:
             raise RuntimeError(
                 'The gpf integrator has no field: set its "field" property to the path of a '
                 "field.safetensors, or assign a GaussianPhotonField to its attribute field."
             )
-        aovs, divides = (*self.aovs, *self._guides), self._known.divides(scene)
+        aovs = (*self.aovs, *self._guides) if aovs is None else aovs
+        divides = self._known.divides(scene)
         return Walks(scene, self.field, aovs, self.depth_limit, self.rr_depth, divides)
 
     def _sharing_walks(self, scene: mi.Scene) -> GroupedWalks:
