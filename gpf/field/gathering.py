@@ -90,19 +90,17 @@ def _follow(  # type: ignore[no-untyped-def]
     resolved: the distance of near surfaces, world units.
     """
     context, (outside, every) = diffuse_context(), lamps
-    start = mi.Point3f(ray.o)
-
+    start, density = mi.Point3f(ray.o), mi.Float(density)
     ends = dr.zeros(VisiblePoints, dr.width(ray.d))
     p, n, reflectance = ends.p, ends.n, ends.reflectance
     emission, through = ends.emission, mi.Color3f(1)
-    valid, straight_on = mi.Bool(False), mi.Bool(True)
+    valid, counts = mi.Bool(False), dr.full(mi.Bool, sees_lamps, dr.width(ray.d))
     surfaces, active = mi.UInt32(0), mi.Bool(active)
-    while dr.hint(active, exclude=[resolved, start, density]):
+    while dr.hint(active, exclude=[resolved]):
         si = scene.ray_intersect(ray, active=active)
-        if dr.hint(sees_lamps, mode="scalar"):
-            seen = active & straight_on & (si.emitter(scene) != dr.zeros(mi.EmitterPtr))
-            share = share_of_bsdf(scene, si, start, density, seen)
-            emission += through * share * si.emitter(scene).eval(si, seen)
+        seen = active & counts & (si.emitter(scene) != dr.zeros(mi.EmitterPtr))
+        share = share_of_bsdf(scene, si, start, density, seen)
+        emission += through * share * si.emitter(scene).eval(si, seen)
         active &= si.is_valid()
         bsdf = si.bsdf()
         diffuse = active & has_diffuse(bsdf, si)
@@ -124,14 +122,16 @@ def _follow(  # type: ignore[no-untyped-def]
             if dr.hint(bool(outside), mode="scalar"):
                 sent += direct_light(scene, sampler, context, bsdf, si, known, outside)
         if near:
-            sent += direct_light(scene, sampler, context, bsdf, si, near, every)
+            sent += _sample_lamps(every, bsdf, si, sampler, near)
         emission += through * sent
 
         if near:
-            bounce, weight, _ = _sample_diffuse(bsdf, si, sampler, near)
+            bounce, weight, pdf = _sample_diffuse(bsdf, si, sampler, near)
             through *= dr.select(near, weight, 1)
             further = dr.select(near, bounce, further)
-        straight_on &= ~near
+            density = dr.select(near, pdf, density)
+            start = dr.select(near, si.p, start)
+            counts |= near
         surfaces += 1
         active = (straight | near) & dr.any(through > 0) & (surfaces < _MOST_SURFACES)
         ray = si.spawn_ray(further)
@@ -157,6 +157,23 @@ def _sample_diffuse(
     wo.z = dr.mulsign(wo.z, si.wi.z)
     weight = bsdf.eval(diffuse_context(), si, wo, active) / density
     return si.to_world(wo), dr.select(active & (density > 0), weight, 0), density
+
+
+def _sample_lamps(
+    lamps: Lamps,
+    bsdf: mi.BSDFPtr,
+    si: mi.SurfaceInteraction3f,
+    sampler: mi.Sampler,
+    active: mi.Bool,
+) -> mi.Color3f:
+    """Radiance of the diffuse component by a sample of the lamps, (N, 3): its share in a mean with
+    rays from :func:`_sample_diffuse` that meet lamps. Without it, lamps a millimetre away would
+    cause samples that are a million times too bright."""
+    lamp, arriving = lamps.sample(si, sampler.next_2d(active), active)
+    wo = si.to_local(lamp.d)
+    share = balance(lamp.pdf, dr.select(lamp.delta, 0, _density(wo)))
+    lit = active & (lamp.pdf > 0)
+    return dr.select(lit, share * arriving * bsdf.eval(diffuse_context(), si, wo, lit), 0)
 
 
 def _density(wo: mi.Vector3f) -> mi.Float:
@@ -196,10 +213,6 @@ def _leave(
     si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
     active &= si.is_valid()
     bsdf = si.bsdf()
-    lamp, arriving = lamps[0].sample(si, sampler.next_2d(active), active)
-    wo = si.to_local(lamp.d)
-    share = balance(lamp.pdf, dr.select(lamp.delta, 0, _density(wo)))
-    lit = active & (lamp.pdf > 0)
-    light = dr.select(lit, share * arriving * bsdf.eval(diffuse_context(), si, wo, lit), 0)
+    light = _sample_lamps(lamps[0], bsdf, si, sampler, active)
     direction, weight, density = _sample_diffuse(bsdf, si, sampler, active)
     return light, si.spawn_ray(direction), weight, density

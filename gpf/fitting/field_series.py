@@ -81,8 +81,10 @@ class FieldSeries:
     def is_done(self) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
         target, psnr = self.goals.target_psnr, self.best.psnr
-        if psnr is None or self.last is None or self.last.is_draft:
+        if self.last is None:
             return False
+        if psnr is None:  # a draft
+            return self.plan() is None
         if target is not None and psnr >= target:
             return True
         if target is not None and self.best.stalls >= MOST_STALLS:
@@ -103,7 +105,8 @@ class FieldSeries:
         self.time.start_pass()
         while (plan := self.plan()) and self.stream.count < plan.passes:
             self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
-            self.stream.advance(self.stream.count + 1)
+            # What a draft lacks in samples of lamps, it makes up for in time.
+            self.stream.advance(self.stream.count + 1, balances=self.last is not None)
             self.time.note_pass()
             if self.quality.passes < self.stream.count / PASSES_PER_ESTIMATE:
                 self.quality.add_pass()
@@ -111,9 +114,7 @@ class FieldSeries:
                 self.save()
             self.time.start_pass()
             self.tell()
-            # A draft is always followed by another field.
-            is_draft = self.last is not None and self.last.is_draft
-            if self.best.field is not None and not is_draft and self.time.is_over():
+            if self.best.field is not None and self.time.is_over():
                 return None
         return plan
 
@@ -206,11 +207,12 @@ class FieldSeries:
     def gather(self) -> None:
         """Gather diffuse light from the best field, if another one follows."""
         assert self.best.field is not None and self.last is not None
-        if not self.last.is_draft:
-            if self.last.passes >= self.goals.passes and self.last.gathered:
-                return
-            if self.time.left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):
-                return
+        if self.last.passes >= self.goals.passes and self.last.gathered:
+            return
+        # The first samples of light take about as long as a field.
+        fields = 2 if self.last.is_draft else 1
+        if self.time.left < fields * self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):
+            return
         before = self.stream.sample_seconds
         self.stream.light_by(self.best.field)
         self.time.lengthen_passes(self.stream.sample_seconds - before)
@@ -250,7 +252,7 @@ class FieldSeries:
         """The best field with its record."""
         field = self.best.field
         assert field is not None
-        if (psnr := self.best.psnr) is None:  # a draft, for the fit was interrupted
+        if (psnr := self.best.psnr) is None:  # a draft
             self.save()
             self.add_estimates(LEAST_PASSES)
             psnr = self.best.judge_again(self.quality)

@@ -37,7 +37,7 @@ from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.settings import Gather
 from gpf.rendering.walks import GatheredWalks, GroupedWalks, Walks
 
-GATHERED = 0.25
+GATHERED = 1.0
 """Samples with gathered light that correct a picture, for each sample of the field."""
 
 

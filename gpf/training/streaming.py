@@ -35,9 +35,7 @@ from gpf.training.targets import Targets, source_numbers
 from gpf.training.volume_light import VolumeLight
 
 BALANCED = 6, 12, 48, 192
-"""Numbers of passes after which the noise of the photons is compared with that of samples. The
-first field of a fit comes after the first of them: light gathered from a field with noisy direct
-light stays too bright."""
+"""Numbers of passes after which the noise of the photons is compared with that of samples."""
 
 
 class StreamSettings(Settings):
@@ -87,8 +85,8 @@ class PhotonStream:
     ----------
     gathered: the light of diffuse surfaces if it is gathered (:meth:`light_by`), or None.
     caustics: irradiance of the points of the last call of :meth:`halves` by photons that have met
-        something specular since they left a lamp or a diffuse surface, (N, 3); None before light is
-        gathered, or if photons also bring direct light.
+        something specular since they left a lamp or a diffuse surface, (N, 3); None if photons also
+        bring direct light, or where there are media.
     blur: squared error that the width of the kernels adds to the targets of the last call of
         :meth:`halves` (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
@@ -133,13 +131,16 @@ class PhotonStream:
         """Radius of the narrowest kernel with which photons are gathered, world units."""
         return WIDTHS[-1] * self.photons.radius
 
-    def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
-        """Add passes until there are ``count``; ``tick(done)`` is called after each."""
+    def advance(
+        self, count: int, tick: Callable[[int], None] = lambda done: None, balances: bool = True
+    ) -> None:
+        """Add passes until there are ``count``; ``tick(done)`` is called after each. ``balances``:
+        whether the number of samples follows from their noise (:data:`BALANCED`)."""
         while self.count < count:
             with uninterrupted():
                 # Groups of lights still need to know whose light the diffuse surfaces send.
                 self.photons.add_pass(self.gathered is None or self._groups is not None)
-            if self.count in BALANCED and (self._direct.lamps or self.gathered):
+            if balances and self.count in BALANCED and (self._direct.lamps or self.gathered):
                 self._balance()
             if self._direct.per_pass > 0 or self.gathered:
                 self.sample()
@@ -237,17 +238,16 @@ class PhotonStream:
         self.sample()
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self.photons.coarse[self._rows]
-        which = self._asked(self._rows), self.gathered is None
-        halves = [self.photons.gather(half, *which) for half in range(2)]
-        gathered = [(a[self._rows], b[self._rows]) for a, b in zip(*halves, strict=True)]
+        gathered = self._by_kernels(self.gathered is None)
         kernel = choose_kernels(position, normal, gathered, self.photons.radius)
         kernel = np.where(coarse, 0, kernel)
         self._kernel[self._rows] = kernel
         self.blur = np.where(coarse, 0, kernel_blur(kernel, gathered))
         light, found = pick(kernel, gathered), []
-        if self.gathered and not self._by_photons:
+        if not self._by_photons and self.photons.volume is None:
+            a, b = light if self.gathered else pick(kernel, self._by_kernels(False))
             share = self.count // 2 / self.count
-            self.caustics = share * light[0] + (1 - share) * light[1]
+            self.caustics = share * a + (1 - share) * b
         for half in range(2):
             direct = self._direct.mean(half)[self._rows]
             diffuse = self.gathered.mean(half)[self._rows] if self.gathered else np.float32(0)
@@ -262,6 +262,13 @@ class PhotonStream:
                 )
             )
         return found[0], found[1]
+
+    def _by_kernels(self, diffused: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Irradiance of the points of the last call of :meth:`halves` by each half of the photons,
+        for each kernel; ``diffused``: whether photons from diffuse surfaces count."""
+        asked = self._asked(self._rows)
+        halves = [self.photons.gather(half, asked, diffused) for half in range(2)]
+        return [(a[self._rows], b[self._rows]) for a, b in zip(*halves, strict=True)]
 
     def by_group(self) -> np.ndarray:
         """Irradiance of the points of the last call of :meth:`halves` from each group of emitters,
