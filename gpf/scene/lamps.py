@@ -9,9 +9,11 @@ from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.loops import loops_traced_once
+from gpf.core.structs import from_numpy
 from gpf.scene.materials import has_null
 from gpf.scene.media import Media
 
@@ -70,7 +72,7 @@ class Lamps:
 
         ``medium``: what is around the origins, if that is known.
         """
-        light, weight = self._choose(origin, sample, active)
+        light, weight = self.choose(origin, sample, active)
         seen = active & (light.pdf > 0)
         if self._asks_null:
             ray = origin.spawn_ray_to(light.p)
@@ -118,7 +120,7 @@ class Lamps:
     def _media(self) -> Media:
         return Media(self.scene)
 
-    def _choose(
+    def choose(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Like :meth:`sample`, but without visibility."""
@@ -146,6 +148,64 @@ class Lamps:
         if self._as_mitsuba:
             return self.scene.pdf_emitter_direction(origin, light, active)
         return light.emitter.pdf_direction(origin, light, active) / self._count
+
+    @cached_property
+    def can_be_near(self) -> bool:
+        """Whether some have a size, so that rays may meet them near by. Not where there are media,
+        for :meth:`met` knows none."""
+        _ = self._table  # cannot be computed within a loop
+        return not self._media.there and self.size > 0
+
+    @cached_property
+    def size(self) -> float:
+        """The diagonal of the largest that has one, world units, or 0."""
+        sizes = {s.emitter(): float(dr.norm(s.bbox().extents())) for s in self.scene.shapes()}
+        emitters = self.scene.emitters()
+        chosen = emitters if self.indices is None else [emitters[k] for k in self.indices]
+        return max((sizes.get(each, 0.0) for each in chosen), default=0.0)
+
+    @loops_traced_once
+    @dr.syntax
+    def met(  # type: ignore[no-untyped-def]
+        self, origin, ray, pdf, samples, active
+    ) -> mi.Color3f:
+        """Radiance of these lamps that rays meet straight on, W/(m² sr), (N, 3): its share in a
+        mean with ``samples`` times as many results of :meth:`sample` (balance heuristic).
+
+        ``pdf``: of the rays, 1/sr, (N,).
+        """
+        found, through = mi.Color3f(0), mi.Color3f(1)
+        walking = mi.Bool(active)
+        while dr.hint(walking, exclude=[origin, pdf]):
+            si = self.scene.ray_intersect(ray, active=walking)
+            emitter = si.emitter(self.scene)
+            lit = walking & (emitter != dr.zeros(mi.EmitterPtr)) & self._holds(emitter)
+            other = self.density(origin, mi.DirectionSample3f(self.scene, si, origin), lit)
+            share = dr.select(lit, pdf / (pdf + samples * other), 0)
+            found += through * share * emitter.eval(si, lit)
+            walking &= si.is_valid()
+            passing = mi.Color3f(0)
+            if dr.hint(self._asks_null, mode="scalar"):
+                passing = si.bsdf(ray).eval_null_transmission(si, walking)
+            through *= passing
+            walking &= dr.any(through > 0)
+            ray = si.spawn_ray(ray.d)
+        return found
+
+    def _holds(self, emitter: mi.EmitterPtr) -> mi.Bool:
+        """Whether an emitter is one of these, (N,)."""
+        if self.indices is None:
+            return mi.Bool(True)
+        which = dr.reinterpret_array(mi.UInt32, emitter)
+        return dr.gather(mi.UInt32, self._table, which, which < dr.width(self._table)) > 0
+
+    @cached_property
+    def _table(self) -> mi.UInt32:
+        """1 for each of these, by the number of its pointer."""
+        pointers = np.array(dr.reinterpret_array(mi.UInt32, self.scene.emitters_dr()))
+        table = np.zeros(pointers.max(initial=0) + 1, np.uint32)
+        table[pointers[list(self.indices or ())]] = 1
+        return from_numpy(mi.UInt32, table)
 
     def emit(
         self, choice: mi.Float, place: mi.Point2f, direction: mi.Point2f

@@ -15,6 +15,20 @@ from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
 
+BY_RAY = 4
+"""Near lamps, one of so many samples is a ray that may meet them: otherwise, lamps a millimetre
+away would cause samples that are a million times too bright."""
+
+PILOT, PILOT_RAYS, CLOSE = 64, 8, 0.05
+"""Near is where one of ``PILOT`` samples has a direction that rays take more often than samples do,
+or where one of ``PILOT_RAYS`` rays meets a lamp within ``CLOSE`` times the size of the largest."""
+
+BRIGHTEST = 16
+"""Elsewhere, no sample counts for more than so many rays that meet the lamp."""
+
+RUN = 64
+"""So many neighbouring points take rays at the same time."""
+
 # Maps random numbers, (N, 2), to others, and gives the weights of their samples, (N,).
 Warp = Callable[["mi.Point2f"], tuple["mi.Point2f", "mi.Float"]]
 
@@ -30,6 +44,7 @@ class FixedPoints:
 
     def __init__(self, scene: mi.Scene, points: VisiblePoints, lasting: bool = True) -> None:
         self.scene, self.points, self._lasting = scene, points, lasting
+        self._known_near: dict[tuple[int, ...] | None, mi.Bool] = {}
 
     @cached_property
     def _surface(self) -> mi.SurfaceInteraction3f:
@@ -61,11 +76,16 @@ class FixedPoints:
         sample: random numbers in [0, 1)², (N, 2).
         lamps: the emitters to sample; all by default.
         """
-        here, n = self._interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
-        light, weight = lamps.sample(here, sample, mi.Bool(True))
-        seen = (light.pdf > 0) & (dr.dot(light.d, n) > 0)
-        return dr.select(seen, weight * self.share(light.d), 0)
+        return self._sample(sample, lamps, mi.Bool(True))[0]
+
+    def _sample(
+        self, sample: mi.Point2f, lamps: Lamps, active: mi.Bool
+    ) -> tuple[mi.Color3f, mi.DirectionSample3f]:
+        """:meth:`direct_irradiance`, and the point on the emitter."""
+        light, weight = lamps.sample(self._interactions(), sample, active)
+        seen = (light.pdf > 0) & (dr.dot(light.d, self.points.n) > 0)
+        return dr.select(seen, weight * self.share(light.d), 0), light
 
     @loops_traced_once
     @dr.syntax
@@ -78,6 +98,11 @@ class FixedPoints:
         warp: Warp | None = None,
     ) -> tuple[mi.Color3f, mi.Color3f]:
         """Sums of the irradiance, and of its square, over samples of the emitters, (N, 3) each.
+
+        With the densities p_e of these samples and p_f = cos θ / π of rays, of which there is one
+        in :data:`BY_RAY` = k near lamps, their shares by the balance heuristic are
+
+            w_e = (k - 1) p_e / ((k - 1) p_e + p_f),    w_f = 1 - w_e.
 
         Parameters
         ----------
@@ -92,16 +117,74 @@ class FixedPoints:
         # One kernel serves any range of samples; it is traced once for all of them.
         number, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, first + count)
         _ = self._surface  # cannot be computed within a loop
+        near, phase = self._near(lamps), mi.UInt32(0)
+        if dr.hint(near is not None, mode="scalar"):
+            lane = dr.arange(mi.UInt32, dr.width(self.points.p))
+            phase = mi.UInt32(BY_RAY * dr.gather(mi.Float, start.x, lane // RUN * RUN))
         while dr.hint(number < end, exclude=[start, end]):
-            sample, weight = spread_sample(start, number), mi.Float(1)
+            plain = spread_sample(start, number)
+            sample, weight = mi.Point2f(plain), mi.Float(1)
             if dr.hint(warp is not None, mode="scalar"):
                 sample, weight = warp(sample)  # type: ignore[misc]
-            found = self.direct_irradiance(sample, lamps) * weight
+            found = mi.Color3f(0)
+            if dr.hint(near is not None, mode="scalar"):
+                if near & ((number + phase) % BY_RAY == 0):
+                    found = self._met(plain, lamps) * BY_RAY
+                else:
+                    found, light = self._sample(sample, lamps, mi.Bool(True))
+                    by_ray = dr.select(light.delta, 0, self._density(light.d))
+                    pdf = dr.maximum(light.pdf, 1e-30)
+                    share = (BY_RAY - 1) * pdf / ((BY_RAY - 1) * pdf + by_ray)
+                    share = dr.select(near, share * (BY_RAY / (BY_RAY - 1)), 1)
+                    found *= weight * dr.minimum(share, BRIGHTEST * pdf / by_ray)
+            else:
+                found = self._sample(sample, lamps, mi.Bool(True))[0] * weight
             total += found
             squares += found * found
             number += 1
         dr.eval(total, squares)
         return total, squares
+
+    def _near(self, lamps: Lamps) -> mi.Bool | None:
+        """Which points are near lamps, (N,); None if none can be."""
+        if not (lamps and lamps.can_be_near):
+            return None
+        key = None if lamps.indices is None else tuple(lamps.indices)
+        if key not in self._known_near:
+            self._known_near[key] = self._look_for(lamps)
+        return self._known_near[key]
+
+    @loops_traced_once
+    @dr.syntax
+    def _look_for(self, lamps: Lamps) -> mi.Bool:
+        here, number = self._interactions(), mi.UInt32(0)
+        start = random_start(PILOT, dr.width(self.points.p))
+        near = dr.zeros(mi.Bool, dr.width(self.points.p))
+        while number < PILOT:
+            light, _ = lamps.choose(here, spread_sample(start, number), mi.Bool(True))
+            infinite = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
+            found = ~light.delta & ~infinite & (light.pdf > 0)
+            near |= found & (light.pdf < self._density(light.d))
+            number += 1
+        number = mi.UInt32(0)  # skies are never near
+        while number < PILOT_RAYS:
+            ray, cosine = self.cosine_rays(spread_sample(start, number))
+            ray.maxt = CLOSE * lamps.size
+            near |= dr.any(lamps.met(here, ray, cosine, 0, cosine > 0) > 0)
+            number += 1
+        dr.eval(near)
+        return near
+
+    def _density(self, direction: mi.Vector3f) -> mi.Float:
+        """Of :meth:`cosine_rays`, 1/sr, (N,)."""
+        return dr.maximum(dr.dot(direction, self.points.n), 0) * dr.inv_pi
+
+    def _met(self, sample: mi.Point2f, lamps: Lamps) -> mi.Color3f:
+        """The share of a ray in the irradiance, (N, 3)."""
+        ray, cosine = self.cosine_rays(sample)
+        pdf, facing = cosine * dr.inv_pi, cosine > 0
+        light = lamps.met(self._interactions(), ray, pdf, BY_RAY - 1, facing)
+        return dr.select(facing, light * self.share(ray.d) / pdf, 0)
 
     def cosine_rays(self, sample: mi.Point2f) -> tuple[mi.Ray3f, mi.Float]:
         """Rays from the points, (N,), with density cos θ / π, and their cos θ, (N,).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -12,11 +13,14 @@ import pytest
 from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import random_start, spread_sample
 from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
+from gpf.scene.lamps import Lamps
+from gpf.scene.light_groups import emitter_names
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 from gpf.sppm.reference import fixed_points
 from tests.furnace import Scene, bitmap, camera, diffuse, floor, lamp, point_light, rectangle, rgb
 
+CLOTH = {"type": "mask", "opacity": 0.75, "bsdf": {"type": "diffuse"}}
 SKY = {"type": "constant", "radiance": rgb(1, 2, 4)}
 
 
@@ -39,14 +43,10 @@ def direct(scene: mi.Scene, points: VisiblePoints, samples: int = 1) -> np.ndarr
 
 
 def test_sums_of_samples_are_those_of_single_ones():
-    """With other random numbers and a weight, too."""
+    """With other random numbers and a weight, too. A point lamp is never near."""
+    light = point_light((0, 0, 2), 3, 2, 1), point_light((1, 0, 2), 1, 2, 3)
     scene = mi.load_dict(
-        {
-            "type": "scene",
-            "floor": floor(diffuse(0.5)),
-            "lamp": lamp((0, 0, 2), (0, 0, 0), 1, 3, 2, 1),
-            "sky": SKY,
-        }
+        {"type": "scene", "floor": floor(diffuse(0.5)), "a": light[0], "b": light[1]}
     )
     fixed = FixedPoints(scene, points_at([(0.1, 0, 0), (1, 0.5, 0)], [(0, 0, 1)] * 2))
     start = random_start(7, 2)
@@ -61,6 +61,33 @@ def test_sums_of_samples_are_those_of_single_ones():
     total, squares = (to_numpy(v) for v in fixed.direct_sums(start, 3, 5, warp=warp))
     np.testing.assert_allclose(total, np.sum(single, axis=0), rtol=1e-5)
     np.testing.assert_allclose(squares, np.square(single).sum(axis=0), rtol=1e-5)
+
+
+@pytest.mark.parametrize("height", [0.001, 0.1, 0.5, 5.0])
+@pytest.mark.parametrize("cloth", [False, True])
+@pytest.mark.parametrize("alone", [False, True])
+def test_rays_share_the_light_of_near_lamps(height, cloth, alone):
+    """A square lamp of 2 m above a point, seen through holes in cloth or not, alone or beside one
+    that it hides: its form factor is known, and no sample is much brighter than the lamp all
+    around."""
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "far": lamp((9, 0, 50), (9, 0, 0), 0.1, 100, 100, 100),
+            "lamp": lamp((0, 0, height), (0, 0, 0), 2, 3, 2, 1),
+        }
+        | ({"cloth": rectangle((0, 0, height / 2), (0, 0, 9), 9, 9, CLOTH)} if cloth else {})
+    )
+    count, samples = 4096, 64
+    fixed = FixedPoints(scene, points_at([(0, 0, 0)] * count, [(0, 0, 1)] * count))
+    lamps = Lamps(scene, [emitter_names(scene).index("lamp")] if alone else None)
+    total, squares = fixed.direct_sums(random_start(3, count), 1, samples, lamps)
+    found = to_numpy(total).mean(axis=0) / samples
+    slope = 1 / math.hypot(1, height)
+    factor = 4 / math.pi * slope * math.atan(slope)
+    expected = (0.25 if cloth else 1) * math.pi * factor * np.array([3, 2, 1])
+    np.testing.assert_allclose(found, expected, rtol=0.01)
+    assert to_numpy(squares).max() < samples * (20 * math.pi * 3) ** 2
 
 
 def test_a_point_light():
