@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import mitsuba as mi
@@ -23,6 +24,12 @@ from gpf.scene.views import View
 # Where a field has learned, there are enough within one; in a closed box beside that, the light
 # outside was found at 1.04 to 1.4.
 WEAK_COVERAGE = 1.1
+
+OF_FIELD = 0.3
+"""The part of a picture's time for samples of the field, if others correct them."""
+
+REST = 64
+"""The number of the first part of further samples, if nothing is to be corrected."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,7 @@ class FieldRenderer:
         Parameters
         ----------
         size: width and height, pixels.
-        seconds: take as many samples as fit into this time, half of them with gathered light if
+        seconds: take as many samples as fit into this time, with gathered light for most of it if
             that corrects the picture; by default, as many as the settings say.
 
         Raises
@@ -100,34 +107,43 @@ class FieldRenderer:
                 known.append((spp, variance))
             return np.array(image)
 
-        def sample_part(spp: int, part: int) -> np.ndarray:
-            return sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
-
-        def gather(spp: int, part: int) -> np.ndarray:
-            part_seed = pass_seed(seed, part, Stream.GATHERED_HALVES)
-            halves: np.ndarray = integrator.gathered_halves(self.scene, sensor, part_seed, spp)
-            return halves
+        def sample_part(spp: int, part: int, first: int = 0) -> np.ndarray:
+            return sample(spp, pass_seed(seed, first + part, Stream.TIMED_SAMPLES))
 
         def correct(picture: np.ndarray) -> np.ndarray | None:
-            """What corrects the picture; with a time limit, in half of the time."""
-            halves: np.ndarray | None
-            if seconds is None:
-                halves = integrator.gathered_for(self.scene, sensor, seed, spp, picture)
-            else:
-                halves, _ = sample_for(seconds / 2, gather)
-            return halves
+            rest = seconds and seconds * (1 - OF_FIELD)
+            found: np.ndarray | None = integrator.gathered_for(
+                self.scene, sensor, seed, spp, picture, rest
+            )
+            corrected.append(found is not None)
+            return found
 
-        corrects = integrator.corrects(sensor)
+        corrects, corrected = integrator.corrects(sensor), [False]
         if seconds is None:
             image, spp = sample(settings.spp, seed), settings.spp
         else:
-            image, spp = sample_for(seconds / 2 if corrects else seconds, sample_part)
+            image, spp = sample_for(seconds * (OF_FIELD if corrects else 1), sample_part)
         if settings.denoise:
-            variance = variance_of_mean(known, spp)
-            image = integrator.denoised(image, variance, correct if corrects else None)
+            clean = self._denoised(image, known, spp, correct if corrects else None)
+            if seconds and corrects and not corrected[-1]:
+                rest = partial(sample_part, first=REST)
+                more, count = sample_for(seconds * (1 - OF_FIELD), rest)
+                image, spp = image + (more - image) * np.float32(count / (spp + count)), spp + count
+                clean = self._denoised(image, known, spp)
+            image = clean
         layers = split_layers(image, self.aovs)
         check_finite(layers["radiance"], f"view {view.name}")
         return layers
+
+    def _denoised(
+        self,
+        image: np.ndarray,
+        known: Sequence[tuple[int, np.ndarray]],
+        spp: int,
+        correct: Callable[[np.ndarray], np.ndarray | None] | None = None,
+    ) -> np.ndarray:
+        found: np.ndarray = self.integrator.denoised(image, variance_of_mean(known, spp), correct)
+        return found
 
 
 def variance_of_mean(known: Sequence[tuple[int, np.ndarray]], spp: int) -> np.ndarray | None:

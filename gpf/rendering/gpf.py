@@ -35,10 +35,12 @@ from gpf.rendering.recording import KnownScene, RecordedFrames
 from gpf.rendering.sample_sets import SampleSets, largest_launch
 from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.settings import Gather
+from gpf.rendering.timed_sampling import sample_for
 from gpf.rendering.walks import GatheredWalks, GroupedWalks, Walks
 
-GATHERED = 1.0
-"""Samples with gathered light that correct a picture, for each sample of the field."""
+FIRST, LEAST = 2, 8
+"""Samples with gathered light in each half that show whether a picture needs correction, and the
+smallest number of the picture's own samples for which it is tried."""
 
 
 class GPF(DifferentiableField):
@@ -83,8 +85,8 @@ class GPF(DifferentiableField):
        - ``always``: what lamps and other diffuse surfaces send to a visible point comes from
          samples of the lamps and from rays that end in the field; only caustics are the field's
          answer there. Images have more noise, but no blotches and no light that leaks through
-         walls. ``auto``: with a denoiser, a box filter and at least 8 samples per pixel, an eighth
-         as many such samples, twice, correct the field's image where both show the same
+         walls. ``auto``: with a denoiser, a box filter and at least 8 samples per pixel, as many
+         such samples correct the field's image where two halves of them show the same
          (:mod:`gpf.rendering.correction`). ``never``: only the field. Not for derivatives or
          recorded frames. (Default: auto)
      * - lights
@@ -164,22 +166,32 @@ class GPF(DifferentiableField):
         return self.gather == "auto" and self.denoise and knows and box
 
     def gathered_for(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, picture: np.ndarray
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int,
+        spp: int,
+        picture: np.ndarray,
+        seconds: float | None = None,
     ) -> np.ndarray | None:
         """:meth:`gathered_halves` to correct a picture from the field, (H, W, 3), that has ``spp``
-        samples per pixel: :data:`GATHERED` times as many in all, because each takes two to three
-        times as long. None if that is none, or if a quarter of them shows nothing to correct."""
-        each = round(spp * GATHERED / 2)
-        if each == 0:
+        samples per pixel: as many in all, or as many as fit into ``seconds``. None if the picture
+        has few samples, or if :data:`FIRST` show nothing to correct."""
+        if seconds is None and spp < LEAST:
             return None
-        first = max(1, each // 4)
-        halves = self.gathered_halves(scene, sensor, seed, first)
+
+        def gather(spp: int, part: int) -> np.ndarray:
+            own = pass_seed(seed, part, Stream.GATHERED_HALVES)
+            return self.gathered_halves(scene, sensor, own, spp)
+
+        halves, count = gather(FIRST, 0), spp // 2 - FIRST
         if not is_wrong(picture, halves):
             return None
-        if each > first:
-            seed = pass_seed(seed, 1, Stream.GATHERED_HALVES)
-            more = self.gathered_halves(scene, sensor, seed, each - first)
-            halves += (more - halves) * np.float32(1 - first / each)
+        if seconds is None:
+            more = gather(count, 1)
+        else:
+            more, count = sample_for(seconds, lambda spp, part: gather(spp, part + 1))
+        halves += (more - halves) * np.float32(count / (count + FIRST))
         return halves
 
     def gathered_halves(
