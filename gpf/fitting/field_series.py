@@ -209,9 +209,8 @@ class FieldSeries:
         assert self.best.field is not None and self.last is not None
         if self.last.passes >= self.goals.passes and self.last.gathered:
             return
-        # The first samples of light take about as long as a field.
-        fields = 2 if self.last.is_draft else 1
-        if self.time.left < fields * self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):
+        field = self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE)
+        if self.time.left < field + self.stream.time_gathering():
             return
         before = self.stream.sample_seconds
         self.stream.light_by(self.best.field)
