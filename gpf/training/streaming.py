@@ -170,7 +170,8 @@ class PhotonStream:
         """About how many seconds the first :meth:`light_by` takes; takes a sample to measure."""
         if self.gathered or not self._direct.lamps:
             return 0
-        self._direct.add()  # the first samples have compiled
+        if self._direct.samples == self._direct.LEAST:  # they have compiled; not again on a resume
+            self._direct.add()
         return FIRST_GATHERED * self._direct.seconds
 
     @property
