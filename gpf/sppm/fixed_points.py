@@ -132,7 +132,8 @@ class FixedPoints:
                     found = self._met(plain, lamps) * BY_RAY
                 else:
                     found, light = self._sample(sample, lamps, mi.Bool(True))
-                    by_ray = dr.select(light.delta, 0, self._density(light.d))
+                    hit = (light.pdf > 0) & ~light.delta  # points in spheres have NaN as d
+                    by_ray = dr.select(hit, self._density(light.d), 0)
                     pdf = dr.maximum(light.pdf, 1e-30)
                     share = (BY_RAY - 1) * pdf / ((BY_RAY - 1) * pdf + by_ray)
                     share = dr.select(near, share * (BY_RAY / (BY_RAY - 1)), 1)
