@@ -81,10 +81,8 @@ class FieldSeries:
     def is_done(self) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
         target, psnr = self.goals.target_psnr, self.best.psnr
-        if self.last is None:
+        if psnr is None or self.last is None or self.last.is_draft:
             return False
-        if psnr is None:  # a draft
-            return self.plan() is None
         if target is not None and psnr >= target:
             return True
         if target is not None and self.best.stalls >= MOST_STALLS:
@@ -114,7 +112,9 @@ class FieldSeries:
                 self.save()
             self.time.start_pass()
             self.tell()
-            if self.best.field is not None and self.time.is_over():
+            # A draft is always followed by another field.
+            is_draft = self.last is not None and self.last.is_draft
+            if self.best.field is not None and not is_draft and self.time.is_over():
                 return None
         return plan
 
@@ -207,11 +207,11 @@ class FieldSeries:
     def gather(self) -> None:
         """Gather diffuse light from the best field, if another one follows."""
         assert self.best.field is not None and self.last is not None
-        if self.last.passes >= self.goals.passes and self.last.gathered:
-            return
-        field = self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE)
-        if self.time.left < field + self.stream.time_gathering():
-            return
+        if not self.last.is_draft:
+            if self.last.passes >= self.goals.passes and self.last.gathered:
+                return
+            if self.time.left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):
+                return
         before = self.stream.sample_seconds
         self.stream.light_by(self.best.field)
         self.time.lengthen_passes(self.stream.sample_seconds - before)
@@ -251,7 +251,7 @@ class FieldSeries:
         """The best field with its record."""
         field = self.best.field
         assert field is not None
-        if (psnr := self.best.psnr) is None:  # a draft
+        if (psnr := self.best.psnr) is None:  # a draft, for the fit was interrupted
             self.save()
             self.add_estimates(LEAST_PASSES)
             psnr = self.best.judge_again(self.quality)

@@ -33,11 +33,6 @@ FAILED = (
     "colour, or for a floor far larger than the part that is to be seen."
 )
 
-ROUGH = (
-    "There was time for a rough field only. `gpf render` corrects its pictures; moving views and "
-    "baked textures would show its errors. Fit longer for those."
-)
-
 STREAM = StreamSettings()
 
 log = logging.getLogger(__name__)
@@ -116,8 +111,6 @@ def fit(
     psnr, sppm = field.record["estimated_psnr"], run.quality.sppm_psnr(field, run.best.passes)
     if psnr < POOR or psnr < sppm - FAR_BELOW:
         log.warning(FAILED, psnr, run.best.passes, sppm)
-    elif run.last is not None and run.last.is_draft:
-        log.warning(ROUGH)
     return field
 
 

@@ -1,11 +1,10 @@
 """What a fit does next: how many passes of photons, and how long the field from them trains.
 
 The first field is a draft from few passes and points. It shows what a field costs, and gives the
-light of diffuse surfaces that is gathered for the next field. It is the only one if there is no
-time for another: photons alone leak through thin walls, but pictures are corrected
-(:mod:`gpf.rendering.correction`). Each further field has three times as many photons, as long as it
-takes a small part of the time. The last field uses all the photons for which there is time; if time
-is short, it trains for fewer steps, or learns from fewer points.
+light of diffuse surfaces that is gathered for the next field. A draft never is the last field, even
+if time is short: photons alone leak through thin walls. Each further field has three times
+as many photons, as long as it takes a small part of the time. The last field uses all the photons
+for which there is time; if time is short, it trains for fewer steps, or learns from fewer points.
 """
 
 from __future__ import annotations
@@ -155,4 +154,6 @@ def plan_next(
             if (longer > 0.6 and enough) or growth >= 1.5 or (longer > 1.5 and growth >= 1):
                 possible.append(plan)
                 break
+    if not possible and last.is_draft:
+        return Plan(done, min(LEAST_STEPS, usual_steps(done, gathers)), LARGEST_STRIDE, gathers)
     return max(possible, key=lambda plan: plan.worth) if possible else None

@@ -37,9 +37,6 @@ from gpf.training.volume_light import VolumeLight
 BALANCED = 6, 12, 48, 192
 """Numbers of passes after which the noise of the photons is compared with that of samples."""
 
-FIRST_GATHERED = 64
-"""The first gathered light takes as long as so many samples of lamps, which come with it."""
-
 
 class StreamSettings(Settings):
     """Settings of the stream: its passes, and the supervised points.
@@ -165,14 +162,6 @@ class PhotonStream:
         """Wall-clock time of the samples that go with a pass."""
         kinds = self._direct, self.gathered
         return sum(kind.per_pass * kind.seconds for kind in kinds if kind)
-
-    def time_gathering(self) -> float:
-        """About how many seconds the first :meth:`light_by` takes; takes a sample to measure."""
-        if self.gathered or not self._direct.lamps:
-            return 0
-        if self._direct.samples == self._direct.LEAST:  # they have compiled; not again on a resume
-            self._direct.add()
-        return FIRST_GATHERED * self._direct.seconds
 
     @property
     def gathering(self) -> GaussianPhotonField | None:

@@ -32,8 +32,8 @@ INFINITE = float("inf")
         (6, Plan(6, 32, 4), 6, INFINITE, Plan(6, 96)),
         (6, Plan(6, 32, 4), INFINITE, 60, Plan(103, 300)),
         (6, Plan(6, 32, 4), INFINITE, 4, Plan(6, 96, 2)),
-        # With little time, the draft is the last one.
-        (6, Plan(6, 32, 4), INFINITE, 1, None),
+        # Late rather than with a draft.
+        (6, Plan(6, 32, 4), INFINITE, 1, Plan(6, 96, 3)),
         # Three times as many, if that takes a small part of the time and the last has many more.
         (24, Plan(24, 300, 2), INFINITE, 100, Plan(72, 300)),
         (24, Plan(24, 300, 2), 144, INFINITE, Plan(72, 300)),
