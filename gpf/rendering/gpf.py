@@ -184,7 +184,7 @@ class GPF(DifferentiableField):
             own = pass_seed(seed, part, Stream.GATHERED_HALVES)
             return self.gathered_halves(scene, sensor, own, spp)
 
-        halves, count = gather(FIRST, 0), spp // 2 - FIRST
+        halves, count = gather(FIRST, 0), spp // 2
         if not is_wrong(picture, halves):
             return None
         if seconds is None:
