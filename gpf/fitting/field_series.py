@@ -103,7 +103,7 @@ class FieldSeries:
         self.time.start_pass()
         while (plan := self.plan()) and self.stream.count < plan.passes:
             self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
-            # What a draft lacks in samples of lamps, it makes up for in time.
+            # A few samples of lamps are enough for a draft: light gathered from it is as good.
             self.stream.advance(self.stream.count + 1, balances=self.last is not None)
             self.time.note_pass()
             if self.quality.passes < self.stream.count / PASSES_PER_ESTIMATE:

@@ -136,8 +136,9 @@ class FixedPoints:
                     by_ray = dr.select(hit, self._density(light.d), 0)
                     pdf = dr.maximum(light.pdf, 1e-30)
                     share = (BY_RAY - 1) * pdf / ((BY_RAY - 1) * pdf + by_ray)
-                    share = dr.select(near, share * (BY_RAY / (BY_RAY - 1)), 1)
-                    found *= weight * dr.minimum(share, BRIGHTEST * pdf / by_ray)
+                    share *= BY_RAY / (BY_RAY - 1)
+                    most = dr.select(_is_infinite(light), 1, BRIGHTEST * pdf / by_ray)
+                    found *= weight * dr.select(near, share, dr.minimum(1, most))
             else:
                 found = self._sample(sample, lamps, mi.Bool(True))[0] * weight
             total += found
@@ -163,8 +164,7 @@ class FixedPoints:
         near = dr.zeros(mi.Bool, dr.width(self.points.p))
         while number < PILOT:
             light, _ = lamps.choose(here, spread_sample(start, number), mi.Bool(True))
-            infinite = mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)
-            found = ~light.delta & ~infinite & (light.pdf > 0)
+            found = ~light.delta & ~_is_infinite(light) & (light.pdf > 0)
             near |= found & (light.pdf < self._density(light.d))
             number += 1
         number = mi.UInt32(0)  # skies are never near
@@ -225,3 +225,9 @@ class FixedPoints:
         for number, group in enumerate(lamps.groups()):
             total += self.direct_sums(start, number * samples + 1, samples, group)[0]
         return to_numpy(total) / np.float32(samples)
+
+
+def _is_infinite(light: mi.DirectionSample3f) -> mi.Bool:
+    """Whether light comes from a sky, (N,): its density may be small where another part is bright,
+    but no part is near."""
+    return mi.has_flag(light.emitter.flags(), mi.EmitterFlags.Infinite)

@@ -90,6 +90,30 @@ def test_rays_share_the_light_of_near_lamps(height, cloth, alone):
     assert to_numpy(squares).max() < samples * (20 * math.pi * 3) ** 2
 
 
+def test_a_sky_keeps_its_light_beside_a_sun():
+    """Samples seldom go to the dim part of such a sky, although a lamp can be near."""
+    sky = np.ones((32, 64, 3), np.float32)
+    sky[8, 16] = 2e5
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "sky": {"type": "envmap", "bitmap": mi.Bitmap(sky)},
+            "lamp": lamp((9, 0, 50), (9, 0, 0), 0.1, 1),
+        }
+    )
+    count, samples = 1 << 16, 16
+    fixed = FixedPoints(scene, points_at([(0, 0, 0)] * count, [(0, 0, 1)] * count))
+    start = random_start(3, count)
+    single = [
+        to_numpy(fixed.direct_irradiance(spread_sample(start, t))) for t in range(1, samples + 1)
+    ]
+    expected = np.mean(single, axis=(0, 1), dtype=np.float64)
+    found = (
+        to_numpy(fixed.direct_sums(start, 1, samples)[0]).mean(axis=0, dtype=np.float64) / samples
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
 def test_a_point_light():
     """I cos θ / d² on the side of the normal, nothing on the other nor in the shadow."""
     scene = mi.load_dict(
