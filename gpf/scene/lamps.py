@@ -179,7 +179,8 @@ class Lamps:
         while dr.hint(walking, exclude=[origin, pdf]):
             si = self.scene.ray_intersect(ray, active=walking)
             emitter = si.emitter(self.scene)
-            lit = walking & (emitter != dr.zeros(mi.EmitterPtr)) & self._holds(emitter)
+            # A ray that ends in mid-air has not met the sky.
+            lit = walking & self._holds(emitter) & (si.is_valid() | (ray.maxt > 1e30))
             other = self.density(origin, mi.DirectionSample3f(self.scene, si, origin), lit)
             share = dr.select(lit, pdf / (pdf + samples * other), 0)
             found += through * share * emitter.eval(si, lit)
@@ -195,7 +196,7 @@ class Lamps:
     def _holds(self, emitter: mi.EmitterPtr) -> mi.Bool:
         """Whether an emitter is one of these, (N,)."""
         if self.indices is None:
-            return mi.Bool(True)
+            return emitter != dr.zeros(mi.EmitterPtr)
         which = dr.reinterpret_array(mi.UInt32, emitter)
         return dr.gather(mi.UInt32, self._table, which, which < dr.width(self._table)) > 0
 

@@ -167,7 +167,7 @@ class FixedPoints:
             found = ~light.delta & ~_is_infinite(light) & (light.pdf > 0)
             near |= found & (light.pdf < self._density(light.d))
             number += 1
-        number = mi.UInt32(0)  # skies are never near
+        number = mi.UInt32(0)
         while number < PILOT_RAYS:
             ray, cosine = self.cosine_rays(spread_sample(start, number))
             ray.maxt = CLOSE * lamps.size
