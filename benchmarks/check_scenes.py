@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.modelling.meshes import lathe
-from gpf.modelling.shapes import (
+from scenes.modelling.shapes import (
     BLUE,
     GREEN,
     GREY,

@@ -26,10 +26,10 @@ import gpf
 from benchmarks import cli
 from benchmarks.glass_sphere import cornell_box, load_scene, untrained_field, untrained_volume
 from gpf.core.runtime import choose_variant
-from gpf.modelling import shapes
 from gpf.modelling.meshes import grid
 from gpf.scene.folders import scene_folder
 from gpf.sppm.passes import PassSettings
+from scenes.modelling import shapes
 from stages.common.costs import peak_memory
 from stages.references.renderer import ReferenceRenderer
 

@@ -13,8 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from benchmarks.check_scenes import closed_room
-from gpf.modelling.shapes import GREY, WHITE, Dict, box, camera, rectangle, rgb, room
 from gpf.scene.load import load_scene_file
+from scenes.modelling.shapes import GREY, WHITE, Dict, box, camera, rectangle, rgb, room
 
 SUN = (-0.5, 0.62, 0.6)
 """Direction towards the sun."""

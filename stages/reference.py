@@ -21,7 +21,7 @@ from gpf.core.files import read_tensors, require_finite, write_tensors
 from gpf.core.images import check_finite, read_exr, write_exr
 from gpf.core.progress import say
 from gpf.core.structs import to_numpy
-from gpf.training.targets import SURFACES, Targets
+from gpf.training.targets import SURFACES
 from metrics.equivalent_passes import snapshot_passes
 from stages.common.publishing import prepare_files, publish_files
 from stages.common.workspace import Workspace
@@ -29,6 +29,7 @@ from stages.references.group_passes import GroupPasses
 from stages.references.groups import GROUPS, Group, GroupRequest, Job
 from stages.references.pass_sums import PassSums
 from stages.references.pass_times import time_kinds_of_passes
+from stages.references.targets import join, save, targets_of_surfaces, targets_of_view
 
 
 def run(scene_name: str, passes: str | None = None) -> None:
@@ -172,9 +173,9 @@ def _collect_targets(group: Group) -> None:
     parts = []
     for number, view in enumerate(group.views):
         layers, _ = read_exr(group.file(view.name))
-        parts.append(Targets.from_view(layers, number))
+        parts.append(targets_of_view(layers, number))
     if group.surface_points > 0:
         tensors, _ = read_tensors(group.work.surfaces, "surfaces")
         require_finite(group.work.surfaces, tensors)
-        parts.append(Targets.from_surfaces(tensors))
-    Targets.join(parts).save(group.work.targets, group.work.scene)
+        parts.append(targets_of_surfaces(tensors))
+    save(join(parts), group.work.targets, group.work.scene)

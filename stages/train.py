@@ -33,6 +33,7 @@ from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 from stages.photons import load_photons
+from stages.references.targets import without_direct
 from stages.training.checkpoint import restore_trainer, save_trainer
 from stages.training.gaussian_count import choose_count
 from stages.training.recipe import Recipe, open_stream
@@ -129,8 +130,8 @@ def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
         passes = passes_of(work, scene, work.emission_plan(scene))
         recipe = recipe.suit(scene, passes)
         if isinstance(recipe.field.direct, tuple):
-            targets = targets.without(
-                scene, sampled_lamps(scene, recipe.field.direct), work.params.train.seed
+            targets = without_direct(
+                targets, scene, sampled_lamps(scene, recipe.field.direct), work.params.train.seed
             )
     photons = recipe.select_photons(load_photons(work))
     points = recipe.supervise(targets)

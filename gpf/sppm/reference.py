@@ -1,23 +1,19 @@
-"""References and training targets: their settings, and the camera samples of a view."""
+"""Settings of the references and of the training targets."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from pydantic import Field
 
-from gpf.camera.film import FilmSamples, sample_film
-from gpf.core.random import Stream, pass_seed, stream_of
+from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Seed
-from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.guiding.visible_region import by_sensor, sample_visible_points
 from gpf.photons.tracing import PathSettings
-from gpf.scene.lamps import Lamps
 from gpf.sppm.passes import PassSettings, propose_radius
 
 # With `photons_per_pass: auto`, a pass is as good as this many photon paths of equal power.
@@ -76,39 +72,3 @@ class ReferenceSettings(PassSettings):
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
         common = {name: getattr(self, name) for name in PassSettings.model_fields}
         return PassSettings(**common | {"photons_per_pass": paths, "initial_radius": radius})
-
-
-def sample_view(
-    scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int, t: int
-) -> FilmSamples:
-    """One sample per pixel of a view; each pass ``t`` has different samples."""
-    return sample_film(
-        scene,
-        sensor,
-        pass_seed(seed, t, stream_of(name)),
-        settings.max_depth,
-        settings.rr_depth,
-        lamps=Lamps(scene) if settings.direct == "emitters" else None,
-        walks=settings.glossy_walks,
-    )
-
-
-def fixed_points(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    name: str,
-    settings: PassSettings,
-    seed: int,
-    share: float = 1.0,
-) -> VisiblePoints:
-    """One visible point per pixel, the same for all passes, (W H,).
-
-    Only a random ``share`` of the pixels have a valid point.
-    """
-    # Direct light at these points is sampled in each pass, not here.
-    whole = settings.model_copy(update={"direct": "photons", "glossy_walks": 1})
-    points = sample_view(scene, sensor, name, whole, seed, t=0).points
-    if share < 1:
-        rng = np.random.default_rng(pass_seed(seed, 1, stream_of(name)))
-        points.valid &= from_numpy(mi.Bool, rng.random(dr.width(points.p)) < share)
-    return points

@@ -14,7 +14,8 @@ from gpf.guiding.emission_plan import EmissionPlan
 from gpf.guiding.visible_region import by_sensor, sample_visible_points
 from gpf.sppm.passes import PassSettings
 from gpf.training.streaming import StreamSettings
-from gpf.training.surface_points import target_points
+from gpf.training.surface_points import surface_points
+from gpf.training.targets import SURFACES
 
 
 def stream_points(
@@ -26,10 +27,15 @@ def stream_points(
     photons: Photons,
     wanted: Literal["views", "surface", "both"] = "both",
 ) -> dict[str, VisiblePoints]:
-    """The supervised points of a stream; parameters as for
-    :func:`gpf.training.surface_points.target_points`.
+    """The supervised points of a stream by name: of each view, and of surfaces under the name
+    :data:`gpf.training.targets.SURFACES`.
 
-    ``wanted``: points of views, samples of surfaces, or both.
+    Parameters
+    ----------
+    sensors: the views, by name.
+    plan: where photons are needed.
+    photons: points on surfaces are chosen among these and among visible points.
+    wanted: points of views, samples of surfaces, or both.
     """
     found: dict[str, VisiblePoints] = {}
     if wanted != "surface" and sensors:
@@ -39,5 +45,7 @@ def stream_points(
         seed = pass_seed(settings.seed, 0, Stream.VIEW_POINTS)
         seen = by_sensor(sample_visible_points(scene, views, each, seed, 0), len(views))
         found |= dict(zip(sensors, seen, strict=True))
-    surfaces = 0 if wanted == "views" else settings.surface_points
-    return found | target_points(scene, {}, plan, passes, 1, surfaces, settings.seed, photons)
+    if wanted != "views":
+        count = settings.surface_points
+        found[SURFACES] = surface_points(scene, plan, passes, count, settings.seed, photons)
+    return found

@@ -1,8 +1,7 @@
-"""Supervised points: in training views, and on lit or visible surfaces beyond these views."""
+"""Supervised points on surfaces, lit or visible, and some beyond what is visible."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +20,6 @@ from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import fixed_points
-from gpf.training.targets import SURFACES
 
 # Largest share of the surface points beyond the visible region, and of the work of gathering
 # photons at them. Without this limit they could dominate the cost: a room next door may be the
@@ -55,58 +52,40 @@ class Places:
     beyond: Photons | None = None
 
 
-def share_of_pixels(points: int, pixels: int) -> float:
-    """The share of ``pixels`` that gives ``points`` points, at most 1."""
-    return min(1.0, points / pixels)
-
-
-def target_points(
+def surface_points(
     scene: mi.Scene,
-    sensors: Mapping[str, mi.Sensor],
     plan: EmissionPlan,
     settings: PassSettings,
-    share: float,
-    surfaces: int,
+    count: int,
     seed: int,
     photons: Photons | None = None,
-) -> dict[str, VisiblePoints]:
-    """Supervised points by name: fixed points of each view, and samples of surfaces under the name
-    :data:`gpf.training.targets.SURFACES`.
+) -> VisiblePoints:
+    """Supervised points on surfaces.
 
     Parameters
     ----------
-    sensors: the views, by name.
     plan: where photons are needed.
-    share: share of each view's pixels that get a point.
-    surfaces: largest number of surface samples.
-    photons: surface samples are chosen among these and among visible points; by default photons of
-        twice as many paths as in a pass, so that there are more than needed.
+    count: largest number of points.
+    photons: points are chosen among these and among visible points; by default photons of twice as
+        many paths as in a pass, so that there are more than needed.
     """
-    points = {
-        name: fixed_points(scene, sensor, name, settings, seed, share)
-        for name, sensor in sensors.items()
-    }
-    if surfaces > 0:
-        if photons is None:
-            photons = plan.collect(scene, 2 * settings.photons_per_pass, seed, settings.rr_depth)
-        places = Places(photons)
-        if plan.region is not None:
-            arrivals = record_photons(
-                scene,
-                PathSettings(
-                    min(ARRIVAL_PATHS, settings.photons_per_pass),
-                    rr_depth=settings.rr_depth,
-                    source=plan.source,
-                ),
-                seed=pass_seed(seed, 0, Stream.ARRIVALS),
-            )
-            beyond = plan.region.reject(arrivals)
-            seen = see_further(scene, plan.region.points, pass_seed(seed, 0, Stream.FURTHER))
-            places = Places(photons, seen, arrivals, beyond)
-        points[SURFACES] = sample_surface_points(
-            places, surfaces, settings.initial_radius, scene_bounds(scene), seed
+    if photons is None:
+        photons = plan.collect(scene, 2 * settings.photons_per_pass, seed, settings.rr_depth)
+    places = Places(photons)
+    if plan.region is not None:
+        arrivals = record_photons(
+            scene,
+            PathSettings(
+                min(ARRIVAL_PATHS, settings.photons_per_pass),
+                rr_depth=settings.rr_depth,
+                source=plan.source,
+            ),
+            seed=pass_seed(seed, 0, Stream.ARRIVALS),
         )
-    return points
+        beyond = plan.region.reject(arrivals)
+        seen = see_further(scene, plan.region.points, pass_seed(seed, 0, Stream.FURTHER))
+        places = Places(photons, seen, arrivals, beyond)
+    return sample_surface_points(places, count, settings.initial_radius, scene_bounds(scene), seed)
 
 
 def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoints:

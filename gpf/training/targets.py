@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -17,12 +16,8 @@ from gpf.core.files import (
     require_finite,
     require_scene,
     require_shapes,
-    write_tensors,
 )
-from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy
-from gpf.scene.lamps import Lamps
-from gpf.sppm.fixed_points import FixedPoints
+from gpf.core.structs import SurfacePoints
 
 SURFACES = "surfaces of the scene"
 """Name of the set of surface samples; the other sets of points have the names of views."""
@@ -56,34 +51,6 @@ class Targets:
     source: np.ndarray
 
     @classmethod
-    def from_view(cls, layers: Mapping[str, np.ndarray], number: int) -> Targets:
-        """Targets of view ``number``, from the layers of its reference, in image order."""
-        valid = layers["valid"] > 0.5
-        names = ("position", "normal", "irradiance", "direct", "reflectance")
-        source = np.full(int(valid.sum()), number, np.int32)
-        return cls(**{name: layers[name][valid] for name in names}, source=source)
-
-    @classmethod
-    def from_surfaces(cls, tensors: Mapping[str, np.ndarray]) -> Targets:
-        """Targets at samples of the scene's surfaces."""
-        position = tensors["position"]
-        ones = np.ones_like(position)
-        source = np.repeat(source_numbers([SURFACES]), len(position))
-        names = ("position", "normal", "irradiance", "direct")
-        return cls(**{name: tensors[name] for name in names}, reflectance=ones, source=source)
-
-    @staticmethod
-    def join(parts: Sequence[Targets]) -> Targets:
-        """All parts, in order."""
-        names = [f.name for f in fields(Targets)]
-        return Targets(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
-
-    def save(self, path: Path, scene: str | None = None) -> None:
-        """Write the targets, and the name of their scene if it has one."""
-        facts = {} if scene is None else {"scene": scene}
-        write_tensors(path, "targets", {k: v for k, v in vars(self).items()}, facts)
-
-    @classmethod
     def load(cls, path: Path, scene: str | None = None) -> Targets:
         """Read targets.
 
@@ -106,21 +73,6 @@ class Targets:
             return self
         rows = (self.source < 0) == (points == "surface")
         return Targets(**{name: value[rows] for name, value in vars(self).items()})
-
-    def without(self, scene: mi.Scene, lamps: Lamps, seed: int, samples: int = 16) -> Targets:
-        """The targets without the direct light of some lamps, which is sampled at each point.
-
-        Samples are noisy, so some targets may be negative; with these cut off at zero, the mean
-        would be too bright.
-        """
-        points = dr.zeros(VisiblePoints, len(self.position))
-        points.p, points.n = (
-            from_numpy(mi.Point3f, self.position),
-            from_numpy(mi.Normal3f, self.normal),
-        )
-        seed = pass_seed(seed, 0, Stream.STREAM_EMITTERS)
-        direct = FixedPoints(scene, points).mean_direct(lamps, samples, seed)
-        return replace(self, irradiance=self.irradiance - direct)
 
     def supervised_points(
         self,

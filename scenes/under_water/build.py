@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from gpf.modelling.meshes import Mesh, grid, join, quad, write_ply
-from gpf.modelling.paving import tiles
 from gpf.modelling.textures import write_png
 from gpf.modelling.waves import spread_waves, water_surface
+from scenes.modelling.paving import tiles
 
 HALF_X, HALF_Z, FLOOR = 1.5, 1.0, -1.2
 GAP = 0.001

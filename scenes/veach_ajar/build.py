@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from gpf.core.images import tone_map, undo_tone_map
-from gpf.modelling.landscape import landscape
 from gpf.modelling.meshes import Mesh, box, join, lathe, quad, write_ply
-from gpf.modelling.teapot import teapot_body, teapot_lid
 from gpf.modelling.textures import fractal_noise, ramp, smooth_noise, write_png
+from scenes.modelling.landscape import landscape
+from scenes.modelling.teapot import teapot_body, teapot_lid
 
 Stops = list[tuple[float, tuple[float, float, float]]]
 

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from gpf.modelling.meshes import Mesh, box, grid, join, quad, write_ply
-from gpf.modelling.paving import planks, tiles
-from gpf.modelling.sky import write_sky
 from gpf.modelling.textures import fractal_noise, ramp, write_png
 from gpf.modelling.waves import GOLDEN, after, spread_waves, water_surface
+from scenes.modelling.paving import planks, tiles
+from scenes.modelling.sky import write_sky
 
 HALF_X, HALF_Z, FLOOR = 1.5, 1.3, -1.1  # the basin; the deck is at y = 0
 LEVEL = -0.13  # mean height of the water

@@ -33,13 +33,15 @@ from gpf.core.structs import VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
-from gpf.training.surface_points import share_of_pixels, target_points
+from gpf.training.surface_points import surface_points
+from gpf.training.targets import SURFACES
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 from stages.references.group_passes import GroupPasses
 from stages.references.pass_files import PassParts
 from stages.references.renderer import ReferenceRenderer
+from stages.references.view_samples import fixed_points
 from stages.references.views_with_images import count_views_with_images
 
 GROUPS = {
@@ -91,16 +93,22 @@ class Job:
             share, seed = share_of_view_points(self.work), Group(self, "train").seed
             self.costs.parts.pop("points", None)
             with self.costs.measure("points"):
-                self.drawn[key] = target_points(
-                    self.scene, sensors, self.plan, self.settings, share, surfaces, seed
-                )
+                points = {
+                    name: fixed_points(self.scene, sensor, name, self.settings, seed, share)
+                    for name, sensor in sensors.items()
+                }
+                if surfaces > 0:
+                    points[SURFACES] = surface_points(
+                        self.scene, self.plan, self.settings, surfaces, seed
+                    )
+                self.drawn[key] = points
         return self.drawn[key]
 
 
 def share_of_view_points(work: Workspace) -> float:
     """The share of the training views' pixels whose visible points are targets."""
     pixels = len(work.views.train) * int(np.prod(work.film_size))
-    return share_of_pixels(work.params.reference.view_points, pixels)
+    return min(1.0, work.params.reference.view_points / pixels)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.photons.emission import Source, emit_light
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
-from gpf.sppm.reference import fixed_points, sample_view
 from stages.references.pass_sums import ExactSum, PassSums
+from stages.references.view_samples import fixed_points, sample_view
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import pytest
 
 import gpf
 from gpf.core.images import propose_exposure, tone_map
-from gpf.modelling.rooms import ROOMS, load
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor, views_of_sensors
+from tests.rooms import ROOMS, load
 
 SIZE = 128, 96
 # Unlike `path`, it finds the sun through holes in cloth by samples of the emitters.

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from gpf.modelling.implicit import intersection, polygonize, spaced, union
+from scenes.modelling.implicit import intersection, polygonize, spaced, union
 
 CENTRE = np.array([0.11, -0.23, 0.37])
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy
-from gpf.modelling.teapot import body_field
 from gpf.scene.load import load_scene
+from scenes.modelling.teapot import body_field
 
 SCENES = Path(__file__).parents[2] / "scenes"
 TABLE = 0.6506  # height of its top

@@ -17,7 +17,7 @@ from gpf.scene.lamps import Lamps
 from gpf.scene.light_groups import emitter_names
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
-from gpf.sppm.reference import fixed_points
+from stages.references.view_samples import fixed_points
 from tests.furnace import Scene, bitmap, camera, diffuse, floor, lamp, point_light, rectangle, rgb
 
 CLOTH = {"type": "mask", "opacity": 0.75, "bsdf": {"type": "diffuse"}}

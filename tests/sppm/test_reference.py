@@ -9,7 +9,7 @@ import pytest
 from gpf.core.random import pass_seed
 from gpf.core.structs import VisiblePoints, concatenate, to_numpy
 from gpf.sppm.passes import PassSettings, PhotonPasses
-from gpf.sppm.reference import fixed_points, sample_view
+from stages.references.view_samples import fixed_points, sample_view
 from tests.furnace import camera, cornell_box
 
 SETTINGS = PassSettings(photons_per_pass=5000, initial_radius=0.1, direct="photons")

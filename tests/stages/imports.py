@@ -71,7 +71,7 @@ def files_of(node: ast.AST) -> Iterator[str]:
 def module_files(name: str) -> Iterator[str]:
     """The file of a module of the project, and those of the packages around it."""
     parts = name.split(".")
-    if parts[0] not in PACKAGES:
+    if parts[0] not in (*PACKAGES, "scenes"):
         return
     for end in range(1, len(parts) + 1):
         place = "/".join(parts[:end])

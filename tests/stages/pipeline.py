@@ -18,7 +18,7 @@ def add_pipeline(project: Project) -> None:
     """Give a project the code and dvc.yaml."""
     for name in ("dvc.yaml", ".dvcignore"):
         shutil.copy(PROJECT / name, project.folder)
-    for name in PACKAGES:
+    for name in (*PACKAGES, "scenes/modelling"):
         unwanted = shutil.ignore_patterns("__pycache__")
         shutil.copytree(PROJECT / name, project.folder / name, ignore=unwanted)
 

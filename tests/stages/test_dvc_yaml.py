@@ -147,7 +147,7 @@ def test_the_reader_of_imports_sees_them():
     assert "gpf/sppm/passes.py" in files_behind(["baselines/sppm.py"])
     # Inside a function.
     assert "stages/references/cluster.py" in files_behind(["stages/reference.py"])
-    assert "gpf/modelling/teapot.py" in needed_by("scene")
+    assert "scenes/modelling/teapot.py" in needed_by("scene")
 
 
 def params_of(stage: str) -> list[str] | None:

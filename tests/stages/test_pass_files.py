@@ -8,10 +8,10 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import fixed_points
 from stages.references.pass_files import PassParts
 from stages.references.pass_sums import PassSums
 from stages.references.renderer import ReferenceRenderer
+from stages.references.view_samples import fixed_points
 from tests.furnace import camera, cornell_box
 
 SETTINGS = PassSettings(photons_per_pass=3000, initial_radius=0.1, direct="photons")

@@ -11,8 +11,8 @@ import pytest
 from gpf.core.images import tone_map
 from gpf.core.structs import to_numpy
 from gpf.sppm.passes import PassSettings, PhotonPasses
-from gpf.sppm.reference import fixed_points
 from stages.references.renderer import ReferenceRenderer, ReferenceView, film_size
+from stages.references.view_samples import fixed_points
 from tests.furnace import camera, cornell_box, furnace
 from tests.tiers import tiers
 

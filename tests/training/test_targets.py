@@ -6,6 +6,7 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.training.targets import SURFACES, Targets, source_numbers
+from stages.references.targets import join, save, targets_of_surfaces, targets_of_view
 
 HEIGHT, WIDTH = 6, 8
 
@@ -28,13 +29,13 @@ def make_targets() -> Targets:
         name: rng.uniform(0.1, 2, (5, 3)).astype(np.float32)
         for name in ("position", "normal", "irradiance", "direct")
     }
-    views = [Targets.from_view(make_layers(k), k) for k in range(2)]
-    return Targets.join([*views, Targets.from_surfaces(surfaces)])
+    views = [targets_of_view(make_layers(k), k) for k in range(2)]
+    return join([*views, targets_of_surfaces(surfaces)])
 
 
 def test_a_view_gives_its_valid_pixels_in_image_order():
     layers = make_layers()
-    targets = Targets.from_view(layers, 3)
+    targets = targets_of_view(layers, 3)
     rows = [
         layers["position"][y, x]
         for y in range(HEIGHT)
@@ -60,7 +61,7 @@ def test_sources_are_told_apart():
 
 def test_targets_come_back_from_their_file(tmp_path):
     targets = make_targets()
-    targets.save(tmp_path / "targets.safetensors")
+    save(targets, tmp_path / "targets.safetensors")
     again = Targets.load(tmp_path / "targets.safetensors")
     for name, value in vars(targets).items():
         np.testing.assert_array_equal(getattr(again, name), value)

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.modelling.meshes import grid, lathe
-from gpf.modelling.shapes import (
+from scenes.modelling.shapes import (
     BLUE,
     GREEN,
     RED,

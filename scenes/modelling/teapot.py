@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from gpf.modelling.implicit import intersection, polygonize, spaced, union
 from gpf.modelling.meshes import Mesh, lathe
+from scenes.modelling.implicit import intersection, polygonize, spaced, union
 
 Table = Sequence[tuple[float, ...]]
 

@@ -1,0 +1,6 @@
+"""What the scenes of this folder and of the benchmarks are built from, beside the meshes, textures
+and waves of :mod:`gpf.modelling`.
+
+The same bytes are written every time and on every machine: numpy and fixed seeds alone, with
+coordinates rounded to six decimals.
+"""
