@@ -25,7 +25,7 @@ from gpf.guiding.density_control import cell_keys
 # curved a surface is, the closer they must be for one that faces the same way to be near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
-DENSEST = 0.35
+DENSEST = 0.3
 """Training gathers Gaussians along lines of light, and new ones fill the gaps. So that their number
 does not grow with the frames, at most one stays in each cell of a grid with this edge, in distances
 between Gaussians; surfaces that face different directions have separate cells."""

@@ -8,7 +8,8 @@ independent halves, the squared error of the mean of both fits is, up to the noi
 
 Each point is judged by functions that are fitted without it: otherwise, where points are few, the
 finest cells would hold one each, and be right everywhere but between the points. The error is
-summed over each cell of the field's grid, and the level with the least error is chosen.
+summed over each cell of the field's grid and the cells around it, and the level with the least
+error is chosen: once with closer sums and once with wider ones. The coarser choice counts.
 """
 
 from __future__ import annotations
@@ -50,8 +51,9 @@ CELL = 1.0
 MOST_CELLS = 1 << 19
 """Most cells of a field's grid."""
 
-# Standard deviation of the Gaussian that smooths the errors over neighbouring cells, in cells.
-SMOOTHING = 0.8
+CLOSE, WIDE = 0.8, 1.3
+"""Standard deviations of the Gaussians that sum the errors over neighbouring cells, in cells. With
+closer sums alone, single cells on plain walls are too fine by chance, which shows as blots."""
 
 # Edge of a cell in which a linear function is fitted, in distances between Gaussians. At the square
 # root of three, the fit would have as many numbers per area as there are Gaussians, but a Gaussian
@@ -120,22 +122,29 @@ def choose_detail(
     both = np.concatenate([a, b], axis=1)
     weight = _weigh_cells(cell, both.mean(axis=1))[cell]
     widths = [_FIT * DISTANCE * radius / 2**level for level in range(LEVELS)]
-    errors, before = [], np.broadcast_to(both.mean(axis=0), both.shape)
+    totals, before = [], np.broadcast_to(both.mean(axis=0), both.shape)
     with ThreadPoolExecutor(count_cores()) as pool:  # each numpy call uses one core
         fits = pool.map(lambda width: fit_linear(position, normal, both, width), widths)
     for fit, alone in fits:
         fit[alone] = before[alone]
         before, fit_a, fit_b = fit, fit[:, :3], fit[:, 3:]
         error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
-        total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
-        errors.append(gaussian_filter(total, SMOOTHING, mode="constant"))
-    # The finest levels are for targets of narrow kernels; elsewhere they gain nothing.
-    for level in (-2, -1):
-        errors[level] += LEAST_GAIN * np.abs(errors[level - 1])
-    table = np.argmin(errors, axis=0).astype(np.uint8)
+        total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape))
+        totals.append(total.reshape(shape))
+
+    def choose(smoothing: float) -> tuple[np.ndarray, np.ndarray]:
+        """The error of each level, and the level with the least."""
+        errors = gaussian_filter(totals, (0, *[smoothing] * 3), mode="constant")
+        # The finest levels are for targets of narrow kernels; elsewhere they gain nothing.
+        for level in (-2, -1):
+            errors[level] += LEAST_GAIN * np.abs(errors[level - 1])
+        return errors, np.argmin(errors, axis=0).astype(np.uint8)
+
+    errors, table = choose(CLOSE)
+    table = np.minimum(table, choose(WIDE)[1])
     if earlier is not None:
         was, least = (
-            np.take_along_axis(np.array(errors), levels[None].astype(int), 0)[0]
+            np.take_along_axis(errors, levels[None].astype(int), 0)[0]
             for levels in (earlier.table, table)
         )
         table = np.where(was - least > WORTH_CHANGING * np.abs(was), table, earlier.table)
