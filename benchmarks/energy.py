@@ -14,7 +14,7 @@ from benchmarks import cli, lit_scenes
 from benchmarks.measured_scenes import MeasuredScene, open_scene
 from benchmarks.regions import REGIONS, find_regions
 from benchmarks.timing import Row
-from benchmarks.truth import Truth, keep, path_halves, radiance_pairs, sppm_images
+from benchmarks.truth import Truth, keep, path_parts, radiance_pairs, sppm_images
 from gpf.scene.folders import list_scenes
 
 NEAR_GLASS = 1.6
@@ -87,7 +87,7 @@ def find_truth(
         if measured.views:
             (halves,) = radiance_pairs(sppm_images(name, scene, sensors, samples // 5))
         else:
-            (halves,) = path_halves(name, scene, sensors, samples)
+            halves = path_parts(name, scene, sensors, samples)[0].mean(axis=1)
         # Steps in the light are looked for where there is little noise.
         regions = find_regions(scene, sensors[0], layers | {"radiance": halves.mean(axis=0)})
         is_open = (regions == REGIONS.index("rest")).reshape(layers["valid"].shape)

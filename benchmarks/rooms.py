@@ -22,7 +22,7 @@ from baselines.registry import make_baseline
 from benchmarks import cli
 from benchmarks.measured_scenes import MeasuredScene, open_scene
 from benchmarks.pictures import side_by_side, stacked
-from benchmarks.truth import Truth, decibels, keep, path_halves, radiance_pairs, sppm, sppm_images
+from benchmarks.truth import Truth, decibels, keep, path_parts, radiance_pairs, sppm, sppm_images
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import Gather, RenderSettings
@@ -124,18 +124,21 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
         passes = max(samples // 5, 1)
         if measured.views or Media(measured.scene).there:
             return {"halves": by_photons(passes)}
-        found = path_halves(measured.name, measured.scene, sensors, samples)
+        parts = path_parts(measured.name, measured.scene, sensors, samples)
         few = by_photons(max(passes // 5, 1))
-        energy = Truth(found, measured.exposure).energy(few.mean(axis=1))
+        energy = Truth.of_parts(parts, measured.exposure).energy(few.mean(axis=1))
         if abs(energy - 1) < DOUBTFUL:
-            return {"halves": found}
+            return {"parts": parts}
         return {"halves": by_photons(passes), "doubt": np.array(energy)}
 
     found = keep(kept / f"{measured.name}_{rows}_{judged}_{samples}_judge.npz", halves)
     if "doubt" in found:
         light = f"{float(found['doubt']):.3f} times the light of `path`"
         print(f"{measured.name}: SPPM has {light}, so SPPM is the judge.")
-    truth = Truth(found["halves"], measured.exposure)
+    if "parts" in found:
+        truth = Truth.of_parts(found["parts"], measured.exposure)
+    else:
+        truth = Truth(found["halves"], measured.exposure)
     return Room(measured, file, views, chosen, rows, truth, kept)
 
 

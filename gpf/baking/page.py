@@ -16,19 +16,9 @@ from gpf.baking.albedo import read_albedos
 from gpf.baking.bake import LightMaps
 from gpf.baking.gltf import Stage, light_from_afar, write_unlit_glb
 from gpf.baking.reflectance import bake_radiosity, group_of_emitter
+from gpf.baking.three_js import FILES
 
 PAGE = Path(__file__).with_name("page.html")
-THREE = Path(__file__).with_name("three")
-
-# Each after those that it imports.
-MODULES = (
-    "three.core.min.js",
-    "three.module.min.js",
-    "BufferGeometryUtils.js",
-    "SkeletonUtils.js",
-    "OrbitControls.js",
-    "GLTFLoader.js",
-)
 
 SKY = (512, 256)
 """Width and height of the picture of a scene's environment."""
@@ -43,13 +33,16 @@ def write_page(
     exposure: float,
     title: str,
     members: Mapping[str, Sequence[int]],
+    three: Path,
 ) -> str:
     """The text of a page.
 
     Parameters
     ----------
     members: the indices in ``scene.emitters()`` of each group's emitters, by its name.
+    three: a folder with three.js (:func:`gpf.baking.three_js.find_three`).
     """
+    modules = {file.name: file for file in map(three.joinpath, FILES) if file.suffix == ".js"}
     groups = [name for name in baked.maps if name] or [""]
     width, height = baked.atlas.size
     albedos = read_albedos(chart.surface for chart in stage.atlas.charts)
@@ -58,11 +51,11 @@ def write_page(
         "groups": groups,
         "width": width,
         "height": height,
-        "modules": MODULES,
+        "modules": [*modules],
         "lamps": _groups_of_lamps(stage, members),
         "cameras": [view.name for view in stage.cameras],
     }
-    files = {name: (THREE / name).read_bytes() for name in MODULES}
+    files = {name: file.read_bytes() for name, file in modules.items()}
     files["scene"] = write_unlit_glb(stage, albedos, exposure)
     files["light"] = _differences(
         np.stack([pack_rgb9e5(exposure * light[name]) for name in groups])
@@ -78,7 +71,7 @@ def write_page(
         f'<script type="text/plain" id="{name}">{_pack(b)}</script>' for name, b in files.items()
     ]
     page = PAGE.read_text(encoding="utf-8").replace("{title}", html.escape(title))
-    page = page.replace("{licence}", (THREE / "LICENSE").read_text(encoding="utf-8"))
+    page = page.replace("{licence}", (three / "LICENSE").read_text(encoding="utf-8"))
     return page.replace("{parts}", "\n".join(parts))
 
 

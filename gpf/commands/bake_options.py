@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from gpf.baking.three_js import find_three
 from gpf.blender.process import find_blender
 from gpf.commands import options
 from gpf.core.errors import UserError
@@ -22,6 +23,7 @@ class BakeOptions:
     exposure: options.Exposure = None
     glb: options.SceneGlb = None
     html: options.ScenePage = None
+    three: options.Three = None
     blend: options.SceneBlend = None
     seed: options.Seed = 0
     changed_scene: options.ChangedScene = False
@@ -34,7 +36,7 @@ class BakeOptions:
 
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are; also
-        without Blender, if it is needed."""
+        without Blender or three.js, if they are needed."""
         given = {
             "--size": self.size is not None,
             "--texels-per-unit": self.texels_per_unit is not None,
@@ -45,6 +47,8 @@ class BakeOptions:
             raise UserError(names, "are mutually exclusive", "Give one of them.")
         if self.blend is not None:
             find_blender()
+        if self.html is not None:
+            find_three(self.three)
         for option in self.files():
             if self.vertex_colours:
                 raise UserError(

@@ -17,6 +17,7 @@ from gpf.baking.gltf import Stage, light_from_afar, write_glb, write_unlit_glb
 from gpf.baking.page import write_page
 from gpf.baking.reflectance import bake_radiosity
 from gpf.baking.surfaces import read_specular_surfaces
+from gpf.baking.three_js import find_three
 from gpf.blender.process import run_in_blender
 from gpf.commands.bake_options import BakeOptions
 from gpf.core.files import write_atomically, write_json, write_text
@@ -57,7 +58,8 @@ def write_scene(
         write_atomically(options.glb, lambda p: p.write_bytes(data))
         say(f"{options.glb}: {len(data) / 1e6:.1f} MB")
     if options.html is not None:
-        text = write_page(stage, baked, exposure, title.replace("_", " "), members)
+        three = find_three(options.three)
+        text = write_page(stage, baked, exposure, title.replace("_", " "), members, three)
         write_text(options.html, text)
         say(f"{options.html}: {len(text) / 1e6:.1f} MB")
     if options.blend is not None:

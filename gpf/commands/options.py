@@ -125,6 +125,14 @@ ScenePage = Annotated[
         help="Write a page as well that shows the scene, without network: turn it, dim its lamps.",
     ),
 ]
+Three = Annotated[
+    Path | None,
+    Option(
+        "--three",
+        metavar="FOLDER",
+        help="three.js for the page, as npm has it, where it cannot be downloaded.",
+    ),
+]
 SceneBlend = Annotated[
     Path | None,
     Option(

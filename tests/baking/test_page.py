@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gpf.baking.page import pack_rgb9e5, write_page
+from gpf.baking.three_js import find_three
 from gpf.core.images import tone_map, undo_tone_map
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -43,7 +44,7 @@ def shown(tmp_path_factory) -> tuple[Path, FieldRenderer]:
     scene = showroom(folder)
     field = grouped_field(scene)
     baked, stage, members = bake_showroom(scene, field, 512)
-    text = write_page(stage, baked, EXPOSURE, "A <room>", members)
+    text = write_page(stage, baked, EXPOSURE, "A <room>", members, find_three())
     (folder / "page.html").write_text(text)
     settings = RenderSettings(spp=64, adaptive=False, suppress_fireflies=False, denoise=False)
     return folder / "page.html", FieldRenderer.make(scene, field, settings)

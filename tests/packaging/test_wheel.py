@@ -128,8 +128,7 @@ def test_the_wheel_has_the_library_and_nothing_else(wheel):
     assert tops == {"gpf", f"gaussian_photon_fields-{gpf.__version__}.dist-info"}
     code = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
     demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
-    three = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/baking/three/*")}
-    assert {name for name in names if name.startswith("gpf/")} == code | demo | three | {
+    assert {name for name in names if name.startswith("gpf/")} == code | demo | {
         "gpf/baking/page.html",
         "gpf/__init__.pyi",
         "gpf/blender/addon/blender_manifest.toml",
