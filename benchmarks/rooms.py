@@ -131,7 +131,7 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
             return {"parts": parts}
         return {"halves": by_photons(passes), "doubt": np.array(energy)}
 
-    found = keep(kept / f"{measured.name}_{rows}_{judged}_{samples}_judge.npz", halves)
+    found = keep(kept / f"{measured.name}_{rows}_{len(views)}_{judged}_{samples}_judge.npz", halves)
     if "doubt" in found:
         light = f"{float(found['doubt']):.3f} times the light of `path`"
         print(f"{measured.name}: SPPM has {light}, so SPPM is the judge.")
