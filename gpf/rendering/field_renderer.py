@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -124,26 +124,17 @@ class FieldRenderer:
         else:
             image, spp = sample_for(seconds * (OF_FIELD if corrects else 1), sample_part)
         if settings.denoise:
-            clean = self._denoised(image, known, spp, correct if corrects else None)
+            variance = variance_of_mean(known, spp)
+            clean = integrator.denoised(image, variance, correct if corrects else None)
             if seconds and corrects and not corrected[-1]:
                 rest = partial(sample_part, first=REST)
                 more, count = sample_for(seconds * (1 - OF_FIELD), rest)
                 image, spp = image + (more - image) * np.float32(count / (spp + count)), spp + count
-                clean = self._denoised(image, known, spp)
+                clean = integrator.denoised(image, variance_of_mean(known, spp))
             image = clean
         layers = split_layers(image, self.aovs)
         check_finite(layers["radiance"], f"view {view.name}")
         return layers
-
-    def _denoised(
-        self,
-        image: np.ndarray,
-        known: Sequence[tuple[int, np.ndarray]],
-        spp: int,
-        correct: Callable[[np.ndarray], np.ndarray | None] | None = None,
-    ) -> np.ndarray:
-        found: np.ndarray = self.integrator.denoised(image, variance_of_mean(known, spp), correct)
-        return found
 
 
 def variance_of_mean(known: Sequence[tuple[int, np.ndarray]], spp: int) -> np.ndarray | None:

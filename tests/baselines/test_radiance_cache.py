@@ -17,6 +17,7 @@ from baselines.radiance_cache.cached_irradiance import CacheShape
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 from gpf.training.targets import Targets
+from stages.references.targets import save
 
 WIDTH, HEIGHT = 8, 6
 STEPS = 500
@@ -60,7 +61,7 @@ def task(tmp_path: Path) -> Task:
             },
         }
     )
-    make_targets(8000).save(tmp_path / "targets.safetensors")
+    save(make_targets(8000), tmp_path / "targets.safetensors")
     (tmp_path / "state").mkdir()
     return Task(
         name="sheet",
@@ -132,6 +133,6 @@ def test_a_killed_training_goes_on(task: Task):
     # All of it is there now; other targets are another matter.
     prepare(task, lambda done, total: seen.append(-done))
     assert seen[-1] == -STEPS
-    make_targets(7000).save(task.field.targets)
+    save(make_targets(7000), task.field.targets)
     prepare(task, lambda done, total: seen.append(done))
     assert seen[-STEPS - 1 :] == list(range(STEPS + 1))
