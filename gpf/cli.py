@@ -278,7 +278,7 @@ def blender_addon(
 
 @app.command()
 def cache(clear: options.Clear = None) -> None:
-    """List the scenes of other programs that were converted, and the room that they take."""
+    """List the converted scenes and the downloaded programs, and the room that they take."""
     from gpf.commands.cache import show_cache
 
     show_cache(clear)

@@ -4,18 +4,20 @@ user's cache. It is not a part of this package."""
 from __future__ import annotations
 
 import hashlib
-import os
-import shutil
 import subprocess
 import tarfile
 import tempfile
 import urllib.request
+import zlib
+from contextlib import suppress
+from http.client import HTTPException
 from pathlib import Path
 
 import platformdirs
 
 from gpf.core.errors import UserError
-from gpf.core.partial import partial_folder
+from gpf.core.partial import partial_folder, replace_folder
+from gpf.core.subprocesses import last_line
 
 VERSION = "0.185.0"
 
@@ -46,7 +48,7 @@ def kept_three() -> Path:
 
 def find_three(given: Path | None = None) -> Path:
     """A folder with :data:`FILES`: the one that is given, or the one in the cache, which is filled
-    by `npm`, or from a content delivery network where there is no `npm`.
+    by `npm`, or from a content delivery network.
 
     Raises
     ------
@@ -58,19 +60,26 @@ def find_three(given: Path | None = None) -> Path:
             raise UserError(f"--three {given}", wrong, todo)
         return given
     folder = kept_three()
-    if _wrong(folder):
-        folder.parent.mkdir(parents=True, exist_ok=True)
+    if not _wrong(folder):
+        return folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    failures = []
+    for get in (_from_npm, _from_cdn):
         with partial_folder(folder) as staging:
             try:
-                _from_npm(staging) if shutil.which("npm") else _from_cdn(staging)
-                wrong = _wrong(staging)
-            except (OSError, subprocess.SubprocessError, tarfile.TarError, KeyError) as error:
-                wrong = f"cannot be had: {error}"
-            if wrong:
-                raise UserError(f"three.js {VERSION}, for --html", wrong, todo)
-            shutil.rmtree(folder, ignore_errors=True)
-            os.replace(staging, folder)
-    return folder
+                get(staging)
+                if not (wrong := _wrong(staging)):
+                    with suppress(OSError):  # another run has made it in the meantime
+                        replace_folder(staging, folder)
+                    wrong = _wrong(folder)
+            except (OSError, ValueError, EOFError, zlib.error, HTTPException) as error:
+                wrong = str(error)
+        if not wrong:
+            return folder
+        failures.append(wrong)
+    raise UserError(
+        f"three.js {VERSION}, for --html", f"cannot be had: {'; '.join(failures)}", todo
+    )
 
 
 def _wrong(folder: Path) -> str:
@@ -86,17 +95,25 @@ def _wrong(folder: Path) -> str:
 def _from_npm(folder: Path) -> None:
     with tempfile.TemporaryDirectory() as work:
         words = ["npm", "pack", "--silent", f"three@{VERSION}"]
-        subprocess.run(words, cwd=work, check=True, capture_output=True, timeout=SECONDS)
+        try:
+            done = subprocess.run(words, cwd=work, capture_output=True, text=True, timeout=SECONDS)
+        except subprocess.TimeoutExpired as error:
+            raise OSError(f"npm took more than {SECONDS} s") from error
+        if done.returncode:
+            raise OSError(f"npm: {last_line(done.stderr)}")
         (packed,) = Path(work).glob("*.tgz")
         with tarfile.open(packed) as archive:
             for name in FILES:
-                member = archive.getmember(f"package/{name}")
-                member.name = name
-                archive.extract(member, folder, filter="data")
+                if (member := archive.extractfile(f"package/{name}")) is not None:
+                    _write(folder / name, member.read())
 
 
 def _from_cdn(folder: Path) -> None:
     for name in FILES:
         with urllib.request.urlopen(f"{CDN}/{name}", timeout=SECONDS) as answer:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(answer.read())
+            _write(folder / name, answer.read())
+
+
+def _write(file: Path, data: bytes) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(data)

@@ -47,8 +47,6 @@ class BakeOptions:
             raise UserError(names, "are mutually exclusive", "Give one of them.")
         if self.blend is not None:
             find_blender()
-        if self.html is not None:
-            find_three(self.three)
         for option in self.files():
             if self.vertex_colours:
                 raise UserError(
@@ -60,3 +58,7 @@ class BakeOptions:
         ):
             if value is not None and not 0 < value < math.inf:
                 raise UserError(f"{option} {value}", "is out of range", "Give a number above 0.")
+        if self.html is not None:
+            find_three(self.three)
+        elif self.three is not None:
+            raise UserError("--three", "is for the page of --html", "Leave it out.")

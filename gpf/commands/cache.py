@@ -20,7 +20,8 @@ def show_cache(clear: str | None) -> None:
     """
     scenes = scenes_folder()
     programs = {installed_python().parent.parent: "Blender", kept_three(): "three.js"}
-    remove_leftovers(scenes)
+    for folder in (scenes, scenes.parent):
+        remove_leftovers(folder)
     total = 0.0
     for folder in (*sorted(scenes.glob("*/")), *filter(Path.is_dir, programs)):
         if clear == "all" or (clear == "scenes" and folder not in programs):

@@ -78,7 +78,7 @@ AddOn = Annotated[Path, Option("--output", "-o", metavar="FILE.zip", help="A new
 
 Clear = Annotated[
     Literal["scenes", "all"] | None,
-    Option(help="Remove the converted scenes, or all: also what `gpf blender-install` got."),
+    Option(help="Remove the converted scenes, or all: also Blender and three.js."),
 ]
 
 # `gpf demo` and `gpf export`.

@@ -46,7 +46,11 @@ def load_builder(script: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"scene_builder_{script.parent.name}", script)
     assert spec is not None and spec.loader is not None  # the path ends in .py
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except ModuleNotFoundError as error:
+        todo = "Scenes of the project are built in its checkout: run `make venv` there."
+        raise UserError(str(script), f"needs the module {error.name}", todo) from error
     return module
 
 

@@ -1,1 +1,1 @@
-"""Stochastic progressive photon mapping: passes, their sums, and reference images."""
+"""Stochastic progressive photon mapping: passes, and the settings of references."""

@@ -1,1 +1,1 @@
-"""Rendering the references: groups of views, their passes, previews, pass times, a cluster."""
+"""Rendering the references: groups of views, samples and passes, training targets, a cluster."""

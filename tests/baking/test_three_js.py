@@ -35,7 +35,7 @@ def test_without_npm_it_comes_from_the_network(real, empty_cache, monkeypatch):
         assert address.startswith(f"https://cdn.jsdelivr.net/npm/three@{three_js.VERSION}/")
         return (real / address.split("@")[1].split("/", 1)[1]).open("rb")
 
-    monkeypatch.setattr(shutil, "which", lambda program: None)
+    monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(urllib.request, "urlopen", open_file)
     assert find_three() == empty_cache
     assert {f.relative_to(empty_cache).as_posix() for f in empty_cache.rglob("*.*s")} <= set(FILES)
@@ -43,7 +43,7 @@ def test_without_npm_it_comes_from_the_network(real, empty_cache, monkeypatch):
 
 def test_what_arrives_is_checked(real, empty_cache, monkeypatch, tmp_path):
     (tmp_path / "other.js").write_text("alert(1)")
-    monkeypatch.setattr(shutil, "which", lambda program: None)
+    monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(
         urllib.request, "urlopen", lambda *_, timeout: (tmp_path / "other.js").open("rb")
     )
@@ -56,9 +56,20 @@ def test_no_network_is_said(empty_cache, monkeypatch):
     def fail(*_, timeout: float):
         raise OSError("no route to host")
 
-    monkeypatch.setattr(shutil, "which", lambda program: None)
+    monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(urllib.request, "urlopen", fail)
-    with pytest.raises(UserError, match=r"cannot be had: no route to host\. Give the folder of"):
+    with pytest.raises(
+        UserError, match=r"cannot be had: .*npm.*; no route to host\. Give"
+    ):
+        find_three()
+
+
+def test_what_npm_says_is_told(empty_cache, monkeypatch, tmp_path):
+    (tmp_path / "npm").write_text("#!/bin/sh\necho 404 for you >&2\nexit 1\n")
+    (tmp_path / "npm").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin")
+    monkeypatch.setattr(three_js, "_from_cdn", three_js._from_npm)
+    with pytest.raises(UserError, match=r"npm: 404 for you; npm: 404 for you"):
         find_three()
 
 
