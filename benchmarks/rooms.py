@@ -22,7 +22,16 @@ from baselines.registry import make_baseline
 from benchmarks import cli
 from benchmarks.measured_scenes import MeasuredScene, open_scene
 from benchmarks.pictures import side_by_side, stacked
-from benchmarks.truth import Truth, decibels, keep, path_parts, radiance_pairs, sppm, sppm_images
+from benchmarks.truth import (
+    Truth,
+    decibels,
+    in_parts,
+    keep,
+    path_parts,
+    radiance_pairs,
+    sppm,
+    sppm_images,
+)
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import Gather, RenderSettings
@@ -118,27 +127,27 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
     sensors = measured.sensors([views[k] for k in chosen], rows)
 
     def by_photons(passes: int) -> np.ndarray:
-        return radiance_pairs(sppm_images(scene, measured.scene, sensors, passes, KERNELS))
+        each = max(passes // 2, 1)
+        images = sppm_images(scene, measured.scene, sensors, each, KERNELS, seeds=range(4))
+        return in_parts(radiance_pairs(images))
 
-    def halves() -> dict[str, np.ndarray]:
-        passes = max(samples // 5, 1)
+    def parts() -> dict[str, np.ndarray]:
+        passes = samples // 5
         if measured.views or Media(measured.scene).there:
-            return {"halves": by_photons(passes)}
-        parts = path_parts(measured.name, measured.scene, sensors, samples)
-        few = by_photons(max(passes // 5, 1))
-        energy = Truth.of_parts(parts, measured.exposure).energy(few.mean(axis=1))
+            return {"parts": by_photons(passes)}
+        found = path_parts(measured.name, measured.scene, sensors, samples)
+        few = by_photons(passes // 5)
+        energy = Truth.of_parts(found, measured.exposure).energy(few.mean(axis=(1, 2)))
         if abs(energy - 1) < DOUBTFUL:
-            return {"parts": parts}
-        return {"halves": by_photons(passes), "doubt": np.array(energy)}
+            return {"parts": found}
+        return {"parts": by_photons(passes), "doubt": np.array(energy)}
 
-    found = keep(kept / f"{measured.name}_{rows}_{len(views)}_{judged}_{samples}_judge.npz", halves)
+    file_name = f"{measured.name}_{rows}_{len(views)}_{judged}_{samples}_judge.npz"
+    found = keep(kept / file_name, parts)
     if "doubt" in found:
         light = f"{float(found['doubt']):.3f} times the light of `path`"
         print(f"{measured.name}: SPPM has {light}, so SPPM is the judge.")
-    if "parts" in found:
-        truth = Truth.of_parts(found["parts"], measured.exposure)
-    else:
-        truth = Truth(found["halves"], measured.exposure)
+    truth = Truth.of_parts(found["parts"], measured.exposure)
     return Room(measured, file, views, chosen, rows, truth, kept)
 
 

@@ -131,7 +131,12 @@ def path_parts(
             for sensor in sensors
         ]
     )
-    return found.reshape(len(sensors), 2, 2, *found.shape[2:])
+    return in_parts(found)
+
+
+def in_parts(images: np.ndarray) -> np.ndarray:
+    """Four independent images of each view, (V, 4, H, W, 3), as the parts of two halves."""
+    return images.reshape(len(images), 2, 2, *images.shape[2:])
 
 
 def sppm(scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int = 0) -> ReferenceRenderer:
@@ -169,6 +174,6 @@ def sppm_images(
 
 
 def radiance_pairs(halves: Iterable[list[dict[str, np.ndarray]]]) -> np.ndarray:
-    """The two images of each view, (V, 2, H, W, 3), from the layers of all views for two seeds."""
+    """The images of each view, (V, S, H, W, 3), from the layers of all views for S seeds."""
     views = zip(*halves, strict=True)
-    return np.array([[layers["radiance"] for layers in both] for both in views])
+    return np.array([[layers["radiance"] for layers in each] for each in views])
