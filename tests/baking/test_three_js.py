@@ -58,9 +58,7 @@ def test_no_network_is_said(empty_cache, monkeypatch):
 
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(urllib.request, "urlopen", fail)
-    with pytest.raises(
-        UserError, match=r"cannot be had: .*npm.*; no route to host\. Give"
-    ):
+    with pytest.raises(UserError, match=r"cannot be had: .*npm.*; no route to host\. Give"):
         find_three()
 
 
