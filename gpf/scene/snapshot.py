@@ -49,7 +49,7 @@ def load_builder(script: Path) -> ModuleType:
     try:
         spec.loader.exec_module(module)
     except ModuleNotFoundError as error:
-        todo = "Scenes of the project are built in its checkout: run `make venv` there."
+        todo = "Install it. `scenes.modelling` is in the project's checkout: run `make venv` there."
         raise UserError(str(script), f"needs the module {error.name}", todo) from error
     return module
 

@@ -261,6 +261,9 @@ def test_a_failing_builder_leaves_the_old_files(tmp_path):
     (tmp_path / "ball/build.py").write_text("x = 1\n")
     with pytest.raises(UserError, match="has no function build"):
         build_scene("ball", tmp_path)
+    (tmp_path / "ball/build.py").write_text("import no_such_module\n")
+    with pytest.raises(UserError, match=r"build\.py: needs the module no_such_module\. Install it"):
+        build_scene("ball", tmp_path)
     names = {file.name for file in (tmp_path / "ball").iterdir()}
     assert names - {"__pycache__"} == {"build.py", "mesh.bin", "scene.xml"}
 
