@@ -101,9 +101,7 @@ class FieldMaker:
         """Remove noise from a field that was trained for so many steps, and add its light in
         media."""
         fitted = HalfColours.fit(field, lesson.halves, self.stream.caustics)
-        field.recolour(keep_shared_detail(field, fitted))
-        if fitted.caustics is not None:
-            field.set_caustics(fitted.share_of_caustics(field))
+        keep_shared_detail(field, fitted)
         if (volume := self.stream.photons.volume) is not None:
             photons = volume, self.stream.count, lesson.stride
             field.volume = fit_volume(*photons, self.query, self._settings(steps), self.groups)

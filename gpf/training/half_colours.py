@@ -31,10 +31,6 @@ POINTS = 16
 """Points per Gaussian. If there are at least twice as many, every second or third is enough, since
 neighbours share the noise of the same photons."""
 
-# Limits of the part that is caustics: the smallest colour that it is part of, in units of the mean
-# target, and the largest part.
-_DIM, _MOST = 1e-3, 30
-
 _TINY = 1e-20
 
 
@@ -50,7 +46,7 @@ class HalfColours:
     matrix: the weights W of the Gaussians at these points, (P, N).
     targets: targets of the halves, (2, P, 3).
     halves: colours fitted to these targets, (2, N, 3).
-    caustics: colours fitted to the caustics, (N, 3), or None.
+    caustics: colours fitted to the caustics of the halves, (2, N, 3), or None.
     unit: the mean target, W/m².
     """
 
@@ -73,7 +69,7 @@ class HalfColours:
         Parameters
         ----------
         halves: supervised points, (P), with the targets of each half.
-        caustics: the part of the targets that is caustics, (P, 3), if known.
+        caustics: the part of the targets that is caustics, (2, P, 3), if known.
         """
         gaussians = dr.width(field.gaussians.means)
         stride = max(1, dr.width(halves[0].p) // (POINTS * gaussians))
@@ -84,19 +80,10 @@ class HalfColours:
         level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1) / unit
         weight = relative_weight(np.maximum(level, 0))
         targets /= unit
-        each = [*targets] if caustics is None else [*targets, caustics[::stride] / unit]
-        fitted = fit_colours(matrix, weight, np.stack(each).astype(np.float32), STEPS)
-        further = None if caustics is None else fitted[2]
+        each = targets if caustics is None else np.vstack([targets, caustics[:, ::stride] / unit])
+        fitted = fit_colours(matrix, weight, each.astype(np.float32), STEPS)
+        further = None if caustics is None else fitted[2:]
         return cls(stride, matrix, targets, fitted[:2], further, unit)
-
-    def share_of_caustics(self, field: GaussianPhotonField) -> np.ndarray:
-        """The part of a field's colours that is caustics, (N, 3) float32. It may be negative, or
-        above 1: neighbours make up for it, and cutting it off would lose 10 % of the light around
-        a glass."""
-        assert self.caustics is not None
-        whole = to_numpy(field.gaussians.irradiance) / self.unit
-        share: np.ndarray = np.clip(self.caustics / np.maximum(whole, _DIM), -_MOST, _MOST)
-        return share
 
     def spread(self, values: np.ndarray, rounds: int) -> np.ndarray:
         """Means of the Gaussians' values, (N, K), over their neighbours, (N, K): more rounds reach

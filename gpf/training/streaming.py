@@ -84,9 +84,9 @@ class PhotonStream:
     Attributes
     ----------
     gathered: the light of diffuse surfaces if it is gathered (:meth:`light_by`), or None.
-    caustics: irradiance of the points of the last call of :meth:`halves` by photons that have met
-        something specular since they left a lamp or a diffuse surface, (N, 3); None if photons also
-        bring direct light, or where there are media.
+    caustics: irradiance of the points of the last call of :meth:`halves` by photons of each half
+        that have met something specular since they left a lamp or a diffuse surface, (2, N, 3);
+        None if photons also bring direct light, or where there are media.
     blur: squared error that the width of the kernels adds to the targets of the last call of
         :meth:`halves` (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
@@ -245,9 +245,8 @@ class PhotonStream:
         self.blur = np.where(coarse, 0, kernel_blur(kernel, gathered))
         light, found = pick(kernel, gathered), []
         if not self._by_photons and self.photons.volume is None:
-            a, b = light if self.gathered else pick(kernel, self._by_kernels(False))
-            share = self.count // 2 / self.count
-            self.caustics = share * a + (1 - share) * b
+            apart = light if self.gathered else pick(kernel, self._by_kernels(False))
+            self.caustics = np.stack(apart)
         for half in range(2):
             direct = self._direct.mean(half)[self._rows]
             diffuse = self.gathered.mean(half)[self._rows] if self.gathered else np.float32(0)

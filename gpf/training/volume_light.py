@@ -222,7 +222,7 @@ def fit_volume(
     field = GaussianPhotonField(gaussians, own, light.bounds, detail=detail, limits=ends)
     field = Trainer(field, mean, training).run()
     fitted = HalfColours.fit(field, halves)
-    field.recolour(keep_shared_detail(field, fitted))
+    keep_shared_detail(field, fitted)
     field.set_error(estimate_error(field, fitted, np.zeros(len(places))))
     if groups is None:
         return VolumeField(field, fit_moments(field, mean, moments))

@@ -44,10 +44,15 @@ def fit(places: np.ndarray, noise: float) -> tuple[GaussianPhotonField, HalfColo
     return field, HalfColours.fit(field, (first, second))
 
 
+def colours_of(field: GaussianPhotonField) -> np.ndarray:
+    return to_numpy(field.gaussians.irradiance)
+
+
 def test_noise_is_taken_out_and_light_is_kept(places):
     field, fitted = fit(places, noise=0.15)
-    light, before = light_on(places), to_numpy(field.gaussians.irradiance)
-    after = keep_shared_detail(field, fitted)
+    light, before = light_on(places), colours_of(field)
+    keep_shared_detail(field, fitted)
+    after = colours_of(field)
     wrong = [np.abs(found / light - 1).mean(axis=1) for found in (before, after)]
     far = np.abs(places[:, 1]) > 0.25
     assert wrong[1][far].mean() < 0.35 * wrong[0][far].mean()
@@ -58,15 +63,17 @@ def test_noise_is_taken_out_and_light_is_kept(places):
 
 def test_energy_is_kept(places):
     field, fitted = fit(places, noise=0.3)
-    kept = fitted.matrix @ keep_shared_detail(field, fitted)
-    whole = fitted.matrix @ to_numpy(field.gaussians.irradiance)
+    whole = fitted.matrix @ colours_of(field)
+    keep_shared_detail(field, fitted)
+    kept = fitted.matrix @ colours_of(field)
     assert kept.mean() == pytest.approx(whole.mean(), rel=3e-3)
 
 
 def test_without_noise_nothing_changes(places):
     field, fitted = fit(places, noise=0)
-    colours = to_numpy(field.gaussians.irradiance)
-    np.testing.assert_allclose(keep_shared_detail(field, fitted), colours, rtol=2e-3, atol=2e-3)
+    colours = colours_of(field)
+    keep_shared_detail(field, fitted)
+    np.testing.assert_allclose(colours_of(field), colours, rtol=2e-3, atol=2e-3)
 
 
 def test_gaussians_that_no_point_sees_keep_their_colours(places):
@@ -75,5 +82,22 @@ def test_gaussians_that_no_point_sees_keep_their_colours(places):
     matrix[:, 100] = 0
     blind = replace(fitted, matrix=matrix.tocsr(), halves=fitted.halves.copy())
     blind.halves[:, 100] = 0
-    kept, colours = keep_shared_detail(field, blind), to_numpy(field.gaussians.irradiance)
-    np.testing.assert_allclose(kept[100], colours[100], rtol=1e-6)
+    colours = colours_of(field)
+    keep_shared_detail(field, blind)
+    np.testing.assert_allclose(colours_of(field)[100], colours[100], rtol=1e-6)
+
+
+def test_a_photon_of_great_power_is_no_caustic(places):
+    """Its light is kept, spread over the surface around, but for a caustic both halves need it."""
+    field, fitted = fit(places, noise=0)
+    at = np.array([[0.3, 0, 0], [-0.3, 0.4, 0]])
+    lit, photon = np.abs(places - at[:, None]).sum(axis=2).argmin(axis=1)
+    caustics = np.zeros((2, len(places), 3), np.float32)
+    caustics[:, lit], caustics[1, photon] = 10, 20
+    keep_shared_detail(field, replace(fitted, caustics=caustics))
+    found = field.caustics * colours_of(field) / fitted.unit
+    assert found[lit].mean() > 5
+    assert found[photon].mean() < 1  # of 10
+    each = fitted.matrix.sum(axis=0) @ found
+    whole = fitted.matrix.sum(axis=0) @ caustics.mean(axis=0)
+    np.testing.assert_allclose(each, whole, rtol=0.02)
