@@ -92,6 +92,11 @@ class HalfColours:
             values = self.around(self._forth @ values)
         return values
 
+    def total(self, colours: np.ndarray) -> np.ndarray:
+        """The sum of the light of all points, (3,), for these colours, (N, 3)."""
+        found: np.ndarray = self._sums.astype(np.float32) @ colours
+        return found
+
     def around(self, values: np.ndarray) -> np.ndarray:
         """Means of values at points, (P, K), around each Gaussian, (N, K)."""
         found: np.ndarray = self._back @ values.astype(np.float32)

@@ -91,13 +91,13 @@ def test_a_photon_of_great_power_is_no_caustic(places):
     """Its light is kept, spread over the surface around, but for a caustic both halves need it."""
     field, fitted = fit(places, noise=0)
     at = np.array([[0.3, 0, 0], [-0.3, 0.4, 0]])
-    lit, photon = np.abs(places - at[:, None]).sum(axis=2).argmin(axis=1)
+    lit, photon = np.linalg.norm(places - at[:, None], axis=2) < 1.2 * STEP
     caustics = np.zeros((2, len(places), 3), np.float32)
     caustics[:, lit], caustics[1, photon] = 10, 20
     keep_shared_detail(field, replace(fitted, caustics=caustics))
     found = field.caustics * colours_of(field) / fitted.unit
     assert found[lit].mean() > 5
-    assert found[photon].mean() < 1  # of 10
+    assert found[photon].max() < 3  # of 10
     each = fitted.matrix.sum(axis=0) @ found
     whole = fitted.matrix.sum(axis=0) @ caustics.mean(axis=0)
     np.testing.assert_allclose(each, whole, rtol=0.02)
