@@ -26,21 +26,17 @@ from gpf.rendering.aovs import (
     split_layers,
 )
 from gpf.rendering.batches import mean_of_batches
-from gpf.rendering.correction import corrected, is_wrong
+from gpf.rendering.correction import corrected
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.derivatives import DifferentiableField, attached_radiance
+from gpf.rendering.gathered_halves import halves_to_correct, sample_halves
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
 from gpf.rendering.recording import KnownScene, RecordedFrames
-from gpf.rendering.sample_sets import SampleSets, largest_launch
+from gpf.rendering.sample_sets import largest_launch
 from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.settings import Gather
-from gpf.rendering.timed_sampling import sample_for
 from gpf.rendering.walks import GatheredWalks, GroupedWalks, Walks
-
-FIRST, LEAST = 2, 8
-"""Samples with gathered light in each half that show whether a picture needs correction, and the
-smallest number of the picture's own samples for which it is tried."""
 
 
 class GPF(DifferentiableField):
@@ -174,51 +170,19 @@ class GPF(DifferentiableField):
         picture: np.ndarray,
         seconds: float | None = None,
     ) -> np.ndarray | None:
-        """:meth:`gathered_halves` to correct a picture from the field, (H, W, 3), that has ``spp``
-        samples per pixel: as many in all, or as many as fit into ``seconds``. None if the picture
-        has few samples, or if :data:`FIRST` show nothing to correct."""
-        if seconds is None and spp < LEAST:
-            return None
+        """Two images that correct a picture from the field, or None:
+        :func:`gpf.rendering.gathered_halves.halves_to_correct`."""
+        self._known.prepare(scene)
+        walks = GatheredWalks(self._walks(scene, ()), self._known.steps)
+
+        def look(sampler: mi.Sampler, ray: mi.Ray3f) -> mi.Color3f:
+            return self._look(walks, sampler, ray, mi.Bool(True))["radiance"]
 
         def gather(spp: int, part: int) -> np.ndarray:
             own = pass_seed(seed, part, Stream.GATHERED_HALVES)
-            return self.gathered_halves(scene, sensor, own, spp)
+            return sample_halves(look, sensor, own, spp)
 
-        halves, count = gather(FIRST, 0), spp // 2
-        if not is_wrong(picture, halves):
-            return None
-        if seconds is None:
-            more = gather(count, 1)
-        else:
-            more, count = sample_for(seconds, lambda spp, part: gather(spp, part + 1))
-        halves += (more - halves) * np.float32(count / (count + FIRST))
-        return halves
-
-    def gathered_halves(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int
-    ) -> np.ndarray:
-        """Two images with independent noise whose light is gathered, (2, H, W, 3), with about
-        ``spp`` samples per pixel each."""
-        width, height = (int(n) for n in sensor.film().crop_size())
-        rows = dr.opaque(mi.UInt32, height)
-
-        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-            # One image lies below the other.
-            place = mi.Vector2u(pixel.x, dr.select(pixel.y < rows, pixel.y, pixel.y - rows))
-            ray, weight = sample_pixel_rays(sensor, sampler, place)
-            return [*(weight * self._look(walks, sampler, ray, mi.Bool(True))["radiance"])]
-
-        self._known.prepare(scene)
-        with dr.suspend_grad():
-            walks = GatheredWalks(self._walks(scene, ()), self._known.steps)
-            sampler = sensor.sampler().fork()
-            sampler.set_sample_count(spp)
-            spp = int(sampler.sample_count())  # it may have rounded it
-            sets = SampleSets(sample, sampler, (width, 2 * height), spp, None)
-            one = dr.full(mi.UInt32, 1, 2 * height * width)
-            sums = sets.take(one, pass_seed(seed, 0, Stream.GATHERED_HALVES))
-        found = np.stack([c.numpy() for c in sums[:3]], axis=1) / spp
-        return found.reshape(2, height, width, 3).astype(np.float32)
+        return halves_to_correct(picture, spp, gather, seconds)
 
     def sample_image(
         self,
@@ -329,7 +293,7 @@ class GPF(DifferentiableField):
     ) -> np.ndarray:
         """The image without noise, and without the channels that only the denoiser asks for; from
         :meth:`sample_image`, or the mean of several such images. ``gather`` is called with the
-        radiance without noise; it returns :meth:`gathered_halves`, which correct it, or None."""
+        radiance without noise; it returns two images that correct it, or None."""
         size = image.shape[1], image.shape[0]
         if self._denoiser is None or self._denoiser.size != size:
             cuda = "cuda" in str(mi.variant())
