@@ -57,8 +57,8 @@ KERNELS = 1000, 4000
 """First and last of the passes whose kernels SPPM has where it is the truth."""
 
 DOUBTFUL = 0.03
-"""Where SPPM's energy differs by more from that of `path`, two standard errors aside, there is light
-that `path` does not find: a sun behind panes of glass, or on steel."""
+"""Where SPPM's energy differs by more from that of `path`, two standard errors aside, there is
+light that `path` does not find: a sun behind panes of glass, or on steel."""
 
 
 @dataclass(frozen=True)
